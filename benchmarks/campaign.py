@@ -29,7 +29,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from riot_bus.campaign.campaign import run_campaign
+from riot_bus.campaign.campaign import CampaignSettings, run_campaign
 from riot_bus.campaign.covering import Covering
 from riot_bus.campaign.malformed import malformations
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
@@ -460,7 +460,7 @@ def trials_until_found(unit: Unit, kind: str, seed: int, most: int) -> int | Non
         raise _FoundError(failure.trial + 1)
 
     try:
-        run_campaign(unit.log, schedule, unit, seed=seed, trials=most, covering=covering, found=found)
+        run_campaign(unit.log, schedule, unit, CampaignSettings(seed=seed, trials=most), covering=covering, found=found)
     except _FoundError as error:
         return int(error.args[0])
     return None
@@ -542,7 +542,9 @@ def coverage(fields: int, seed: int, *, faulty: bool) -> tuple[int, int]:
         return topic == "t1" and fields.get("f1") != 1.5
 
     unit = Unit(bad, not faulty, log)
-    result = run_campaign(log, schedule, unit, seed=seed, trials=20_000, covering=covering, covered=True)
+    result = run_campaign(
+        log, schedule, unit, CampaignSettings(seed=seed, trials=20_000, covered=True), covering=covering
+    )
     return result.trials - 4, covering.total
 
 

@@ -53,12 +53,7 @@ class StepProgress(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class TimeLeft(RunEvent):
-    """The remaining time for all of the work, reported when a part of it begins.
-
-    Attributes:
-        seconds: Remaining time in seconds.
-        total: Given time in seconds.
-    """
+    """The remaining and the given time for all of the work, in seconds, reported when a part of it begins."""
 
     seconds: float
     total: float
@@ -85,11 +80,7 @@ class TrialFinished(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class CampaignStarted(RunEvent):
-    """A unit's test begins.
-
-    Attributes:
-        fingerprint: Hash of the system file and of the code under test.
-    """
+    """A unit's test begins; the fingerprint is a hash of the system file and of the code under test."""
 
     unit: str
     fingerprint: str
@@ -97,11 +88,7 @@ class CampaignStarted(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class FindingWritten(RunEvent):
-    """A distinct failure has been written to a folder.
-
-    Attributes:
-        occurrences: Number of failing trials of the campaign with its signature.
-    """
+    """A distinct failure has been written to a folder; so many failing trials of the campaign had its signature."""
 
     step: str
     folder: str
@@ -115,8 +102,6 @@ class FindingReplayed(RunEvent):
     """The log of an earlier finding was played to fresh components.
 
     Attributes:
-        folder: Folder that holds the log.
-        title: Title of the finding.
         answer: `still failing`, `fixed`, `failing otherwise`, or `not decided`.
         text: Human-readable result in one line.
         failed: Number of trials that failed as before.
@@ -152,12 +137,7 @@ class StepFinished(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class StepStopped(RunEvent):
-    """A step has no result for a finding, so the chain ends there.
-
-    Attributes:
-        text: Human-readable reason.
-        folder: Folder of the finding.
-    """
+    """A step has no result for a finding, and `text` says why, so the chain ends there."""
 
     step: str
     text: str
@@ -169,7 +149,6 @@ class CampaignFinished(RunEvent):
     """All trials of a unit's test are done.
 
     Attributes:
-        failing: Number of trials that failed.
         exhausted: Whether the budget of trials was used up, or all was tried; False if the campaign ended earlier.
         findings: Folders of the findings, most frequent failure first.
     """
@@ -197,11 +176,7 @@ class AnalysisFinished(RunEvent):
 
 
 class Listeners:
-    """Passes events on to several listeners; the failure of one is reported once and stops nothing.
-
-    Args:
-        listeners: Listeners in the order in which they are called.
-    """
+    """Passes events on to several listeners, in order; the failure of one is reported once and stops nothing."""
 
     def __init__(self, listeners: Iterable[Listener] = ()) -> None:
         self._listeners = tuple(listeners)

@@ -13,8 +13,6 @@ MOST_TOML = 1 << 20
 """Most bytes of a TOML file: the largest of our own has 23 kB, and Python parses 1 MiB in 5 s at the worst."""
 MOST_TEXT = 64 << 20
 """Most bytes of a text file that is read whole: 250,000 rows of a permeability.json, at 266 bytes each."""
-_OTHERS = 0o077
-"""Permission bits of group and others, as inode(7) defines them."""
 
 
 def leads_out(path: Path, inside: Path) -> bool:
@@ -26,7 +24,6 @@ def given_file(path: Path, *, inside: Path | None = None) -> Path:
     """Return the path of a file unchanged if it may be opened.
 
     Args:
-        path: Path of the file.
         inside: Folder of which no link may lead out.
 
     Raises:
@@ -84,7 +81,7 @@ def private_folder(path: Path) -> Path:
         found = path.lstat()
     except OSError as error:
         raise ConfigError(f"cannot be made: {error.strerror}", where=str(path)) from error
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & _OTHERS:
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
         raise ConfigError(
             "others may write there",
             where=str(path),

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _STATUS = Path("/proc/self/status")
 
@@ -24,7 +21,6 @@ def whole_file(path: Path, *, mode: int | None = None, sync: bool = True) -> Ite
     A reader never sees half of it, and the file that had the name before is there until then. Raises OSError.
 
     Args:
-        path: Final path of the file.
         mode: Mode of the file; None for that of any new file. Until it is complete, only this user can read it.
         sync: Whether to wait until it is on the disk, so that this holds even in case of a power failure.
     """
@@ -54,9 +50,7 @@ def new_file(path: Path, *, source: Path, force: bool) -> Iterator[Path]:
     """Yield the path of a temporary file, as `whole_file` does, for the output of a command.
 
     Args:
-        path: Final path of the file.
         source: File that it is made from, which must not be overwritten.
-        force: Whether an existing file is replaced.
 
     Raises:
         ConfigError: The file exists, or is the source.

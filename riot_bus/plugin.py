@@ -10,6 +10,8 @@ An extension of riot itself may also fill hooks, entry points of the group `riot
     backtrack_lines   show paths found in logs alone on a finding's page (`riot report`)
     difference_from   compare delivered messages with a log (the fixture's `expect`)
     play_expecting    compare the answers to a played log with the expected ones (`riot play --expect`)
+    study             share a search as a study of optuna (`riot activate --study`)
+    testkit           test plug-ins: the module with `InterceptorBench` and the names in `Conformance` below
     transparency      compare a router with a plain one (`riot doctor --transparency`)
     workers           run trials elsewhere than on this machine (`--executor`)
 """
@@ -48,16 +50,6 @@ if TYPE_CHECKING:
     from riot_bus.report.format import clean as clean
     from riot_bus.report.formats import CampaignFormat as CampaignFormat
     from riot_bus.report.formats import ReportFormat as ReportFormat
-    from riot_bus.testing.adapters import AdapterConformance as AdapterConformance
-    from riot_bus.testing.faults import FaultConformance as FaultConformance
-    from riot_bus.testing.interceptors import InterceptorBench as InterceptorBench
-    from riot_bus.testing.interceptors import InterceptorConformance as InterceptorConformance
-    from riot_bus.testing.monitors import MonitorConformance as MonitorConformance
-    from riot_bus.testing.reports import CampaignReportConformance as CampaignReportConformance
-    from riot_bus.testing.reports import ReportConformance as ReportConformance
-    from riot_bus.testing.search import SearchConformance as SearchConformance
-    from riot_bus.testing.steps import StepConformance as StepConformance
-    from riot_bus.testing.types import TypeConformance as TypeConformance
     from riot_bus.types.capabilities import AllowsNonFinite as AllowsNonFinite
     from riot_bus.types.capabilities import Announcement as Announcement
     from riot_bus.types.capabilities import AnnouncesServers as AnnouncesServers
@@ -125,14 +117,6 @@ _MODULES = {
     "report.finding_view": "FindingView",
     "report.format": "clean",
     "report.formats": "CampaignFormat ReportFormat",
-    "testing.adapters": "AdapterConformance",
-    "testing.faults": "FaultConformance",
-    "testing.interceptors": "InterceptorBench InterceptorConformance",
-    "testing.monitors": "MonitorConformance",
-    "testing.reports": "CampaignReportConformance ReportConformance",
-    "testing.search": "SearchConformance",
-    "testing.steps": "StepConformance",
-    "testing.types": "TypeConformance",
     "types.capabilities": (
         "AllowsNonFinite Announcement AnnouncesServers ConvertsFiles DescribesFields DiscoversTypes GathersFields "
         "HasServices HeardSystem Identity KnowsBrittleFields ListensToLinks ListsParts ListsTypes MessagePart Offer "
@@ -148,14 +132,22 @@ _MODULES = {
     "vocabulary.message": "Message",
     "vocabulary.trial": "Violation",
 }
+_TESTKIT = frozenset(
+    f"{kind}Conformance"
+    for kind in ("Adapter", "CampaignReport", "Fault", "Interceptor", "Monitor", "Report", "Search", "Step", "Type")
+) | {"InterceptorBench"}
 _PLACES = {name: module for module, names in _MODULES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:
+    if name in _TESTKIT:
+        from riot_bus.plugins import hook
+
+        return getattr(hook("testkit", "riot_bus_testkit"), name)
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"riot_bus.{_PLACES[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_PLACES})
+    return sorted({*globals(), *_PLACES, *_TESTKIT})

@@ -38,13 +38,7 @@ def options_of(kind: type) -> dict[str, tuple[str, Any]]:
 
 
 def check_known(values: Mapping[str, Any], known: Mapping[str, Any], where: Callable[[str], str]) -> None:
-    """Raise ConfigError at the first option that is not known.
-
-    Args:
-        values: Options as the user wrote them.
-        known: The existing options by name.
-        where: Returns the place of an option in the user's text.
-    """
+    """Raise ConfigError at the first option that is not known."""
     for key in values:
         if key not in known:
             raise ConfigError(f"unknown option {key!r}", where=where(key), hint=did_you_mean(key, known))
@@ -55,11 +49,8 @@ def instance_of(
 ) -> PluginT:
     """Make an instance, with each option checked against the type that the class declares.
 
-    Args:
-        kind: The class.
-        values: Options as the user wrote them; all exist in the class.
-        where: Returns the place of an option; for an empty name, that of all options.
-        root: Folder that relative paths start from; None for the working folder.
+    All options exist in the class. `where` returns the place of an option; for an empty name, that of all. Relative
+    paths start from `root`, None for the working folder.
 
     Raises:
         ConfigError: A value is wrong, an option is missing, or the class refuses them.

@@ -76,22 +76,6 @@ RULE_FORMS = PluginKind("form of a rule", "riot_bus.rule_forms")
 SEARCHES = PluginKind("search method", "riot_bus.search")
 STEPS = PluginKind("step", "riot_bus.steps")
 
-KINDS = (
-    ADAPTERS,
-    CODECS,
-    COMMANDS,
-    DICTIONARIES,
-    FAULTS,
-    HOOKS,
-    INTERCEPTORS,
-    LISTENERS,
-    MONITORS,
-    REPORTS,
-    RULE_FORMS,
-    SEARCHES,
-    STEPS,
-)
-
 
 def hook(name: str, extension: str) -> Any:
     """Return what an extension offers to riot itself, such as the workers of a cluster: see `riot_bus.plugin`.

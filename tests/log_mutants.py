@@ -27,8 +27,8 @@ from riot_bus.log import layout
 from riot_bus.log.engine.blocks import EXTRAS, EXTRAS_TYPE
 from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.event import Change
-from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.message import Message
+from tests.manual_clock import ManualClock
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7

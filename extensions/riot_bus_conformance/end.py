@@ -44,7 +44,6 @@ class ScenarioEnd(ABC):
     through these methods stays declared until both ends have returned.
 
     Args:
-        name: Name of this end.
         prefix: Common prefix of all keys.
         config: Zenoh configuration of its sessions.
         life: Number of times that this end was killed before.

@@ -30,9 +30,6 @@ class Scenario:
     """Something that components do with a router.
 
     Attributes:
-        name: Unique name.
-        summary: Description of what it does, in one line.
-        ends: The code of both ends.
         needs: Requirements on the network.
         settings: Zenoh configuration of the sessions of both ends.
         limits: Documented differences: why the observations of a way differ from a plain router's.

@@ -19,7 +19,6 @@ class ScenarioVerdict:
     """Result of one scenario.
 
     Attributes:
-        scenario: Name of the scenario.
         summary: Description of what the scenario does, in a sentence.
         differences: Places where the router behaved differently from a plain one.
         skipped: Reason why it was not tried.

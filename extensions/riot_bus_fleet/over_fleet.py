@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.chain.base.testcases import CaseTemplate
     from riot_bus.chain.base.workspace import Workspace
     from riot_bus.vocabulary.message import Message
     from riot_bus_fleet.logs.entry import LogEntry
+    from riot_bus_fleet.testcases import CaseTemplate
 
 _LOG = logging.getLogger(__name__)
 _LARGEST = 1 << 29  # 512 MiB: each of the --jobs logs tried at once is held in memory
@@ -40,7 +40,6 @@ class LogAnswer:
     """What a test case did on one log.
 
     Attributes:
-        place: The log.
         answer: `fixed`: no trial failed. `failed`: at least one did. `error`: no verdict was possible.
         detail: The reason.
         failed: Trials that failed as the test case says, or in any way if it does not say.

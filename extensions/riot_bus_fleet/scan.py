@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from riot_bus.chain.unit.prediction import column_of, moments_of
-from riot_bus.chain.unit.rule_on_logs import ScanRule
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
@@ -21,6 +20,7 @@ from riot_bus.vocabulary.errors import RiotError
 from riot_bus.vocabulary.order import order_of
 from riot_bus_fleet.logs.near_misses import BINS, FleetScan, LogScan, NearMiss
 from riot_bus_fleet.logs.stores import copied
+from riot_bus_fleet.scan_rule import ScanRule
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,7 +48,6 @@ class Scanner:
     """Judges logs by one rule.
 
     Args:
-        rule: The rule.
         near: Moments of each log that are kept.
     """
 
@@ -57,11 +56,6 @@ class Scanner:
 
     def scan(self, path: Path, *, place: str = "", robot: str = "") -> LogScan:
         """Judge a log, which may be larger than memory, by the rule.
-
-        Args:
-            path: Path of the log.
-            place: Name of the log in the result; its path if empty.
-            robot: Name of the robot that recorded it.
 
         Raises:
             ConfigError: The file is not a log.

@@ -6,12 +6,12 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.chain.unit.prediction import column_of
-from riot_bus.chain.unit.rule_on_logs import ScanRule
 from riot_bus.control.signals import ended_by_signals
 from riot_bus.types.latest import LatestFields
 from riot_bus.vocabulary.counting import counted
 from riot_bus.zenoh.client import open_client
 from riot_bus_fleet.logs.near_misses import NearMiss
+from riot_bus_fleet.scan_rule import ScanRule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -28,9 +28,7 @@ class RuleWatch:
     """Compares messages with a rule, one by one, and tells when they come nearer to it and when they meet it.
 
     Args:
-        rule: The rule.
         within: Distance at which warnings begin, in nominal spreads.
-        registry: The registry of topics and types.
 
     Attributes:
         judged: Number of messages at which all fields of the rule were known.

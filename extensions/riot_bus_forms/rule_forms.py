@@ -1,4 +1,4 @@
-"""What this package adds to a finding's rule: a C++ header, and a formula of signal temporal logic."""
+"""What this package adds to a finding's rule: a Python file, a C++ header, and a formula of signal temporal logic."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.report.formats import write_file
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_forms.cpp_form import cpp_file
+from riot_bus_forms.python_file import python_file
 from riot_bus_forms.stl_form import NoFormulaError, stl_formula
 
 if TYPE_CHECKING:
@@ -15,7 +16,16 @@ if TYPE_CHECKING:
 
     from riot_bus.chain.unit.forms import WrittenRule
 
-CPP = "sanitize.hpp"
+PYTHON, CPP = "sanitize.py", "sanitize.hpp"
+
+
+def python(rule: WrittenRule) -> Mapping[str, Any]:
+    """Write the rule as a Python file."""
+    (rule.folder / PYTHON).unlink(missing_ok=True)  # of an earlier rule
+    with suppress(ConfigError):
+        text = python_file(rule.terms, types=rule.types, scale=rule.scale, told=rule.lines)
+        write_file(text, rule.folder / PYTHON)
+    return {}
 
 
 def cpp(rule: WrittenRule) -> Mapping[str, Any]:

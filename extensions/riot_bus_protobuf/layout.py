@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.types.units import unit_in
 from riot_bus.vocabulary.errors import PayloadError, needs_extra
+from riot_bus_protobuf.units import unit_in
 from riot_bus_protobuf.wire import KINDS, ScalarKind
 
 if TYPE_CHECKING:

@@ -8,37 +8,25 @@ history, by default Nelder-Mead, expected improvement of a forest surrogate, and
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from riot_bus.backchain.coordinates import CoordinateSearch
 from riot_bus.backchain.encoding import Encoding, SearchField
-from riot_bus.backchain.proposers import PORTFOLIO, History, proposers
+from riot_bus.backchain.fir import Floats
+from riot_bus.backchain.proposers import PORTFOLIO, History, Proposer, SearchMethod, proposers
 from riot_bus.backchain.varied import Dimension, Recombination
 from riot_bus.vocabulary.counting import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from riot_bus.backchain.fir import Floats
-    from riot_bus.backchain.proposers import Proposer, SearchMethod
-    from riot_bus.vocabulary.trial import Progress
+from riot_bus.vocabulary.trial import Progress
 
 _PROBES = (-0.2, 0.2, -0.35, 0.35)
 """Steps of a field, as shares of its encoded range, that are combined with those of others on a plateau."""
-_REPEATS = 30
-_DOWN = 0.9
-"""A distance below this share of the nominal one is progress, not noise."""
-_FAR = 1e100
-_FIRST = 6
-"""Runs that each search gets before the one that came nearest is preferred."""
-_RECOMBINED = 24
-"""Points that vary in time that are made from constant ones before the search methods begin."""
-_PROMISING = 4
-"""Promising points that are tried: each costs a run, and if none of these fails, others hardly will."""
+_REPEATS = 30  # a guess: so often a known point may be proposed before a search gives up
+_FAR = 1e100  # its square is finite
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +35,6 @@ class Evaluation:
 
     Attributes:
         distance: Smallest distance to the rule over the run; None when the internal fields were never seen.
-        failed: Whether the failure itself happened.
     """
 
     distance: float | None
@@ -60,9 +47,7 @@ class Activation:
 
     Attributes:
         found: External values at which the failure happened; None when it did not.
-        runs: System runs spent.
         best_distance: Smallest distance seen; None when the internal fields were never seen.
-        history: Every point with its evaluation, in order.
     """
 
     found: Mapping[str, float] | None
@@ -123,19 +108,10 @@ def activate(
 
     Deterministic for equal seeds and evaluations, unless `shared` is given. No point is evaluated twice.
 
-    Args:
-        fields: Fields that may be set; best only those that permeability has left.
-        evaluate: Function that runs the system once per point, in order.
-        seed: Seed of every choice.
-        budget: Largest number of system runs.
-        parallelism: Points per call of `evaluate`.
-        methods: Search methods, which take turns in this order.
-        families: Ways in which fields vary in time, which are tried after constant ones.
-        promising: Points that failed in other runs; a few are tried first, if within the fields' ranges, with other
-            fields at their usual values.
-        progress: Called after each batch.
-        shared: History that receives all runs and gives those of other searches: they only guide this search, and
-            points that failed there are tried first.
+    `evaluate` runs the system once per point, in order. Best give only fields that permeability has left. `families`
+    are ways in which fields vary in time, which are tried after constant ones; `promising` points failed in other runs:
+    a few are tried first, if within the ranges of fields, with other fields at their usual values. Runs of others in
+    the `shared` history only guide this search, and points that failed there are tried first.
 
     Raises:
         ConfigError: All methods need more fields, and the star probes did not suffice.
@@ -151,7 +127,7 @@ def activate(
     )
     elsewhere = ({each.name: one.get(each.name, each.usual) for each in fields} for one in promising)
     allowed = (one for one in elsewhere if all(each.low <= one[each.name] <= each.high for each in fields))
-    for one in islice(allowed, _PROMISING):
+    for one in islice(allowed, 4):  # each costs a run, and if none of these fails, others hardly will
         search.promise(one)
     history: list[tuple[Mapping[str, float], Evaluation]] = []
     known = [*fields, *(each.search for family in families for each in family)]
@@ -195,13 +171,7 @@ class _Proposal:
 class _Turns:
     """Turns of the searches for constant and for varying fields: every other one goes to the nearest search so far.
 
-    Before that, each search has a few turns.
-
-    Args:
-        constant: The search among constant fields.
-        families: The ways to vary.
-        seed: Seed of every choice.
-        methods: Search methods of each.
+    Before that, each search has six runs.
     """
 
     def __init__(
@@ -249,7 +219,7 @@ class _Turns:
         self._turn += 1
         order = sorted(
             self._searches,
-            key=lambda each: (each.runs >= _FIRST, each.nearest if self._turn % 2 else 0.0, each.runs),
+            key=lambda each: (each.runs >= 6, each.nearest if self._turn % 2 else 0.0, each.runs),
         )
         for each in order:
             if found := each.batch(size):
@@ -266,15 +236,8 @@ class _Search:
     """A search among points of one family.
 
     Args:
-        family: The numbers that make up a point.
-        seeds: Seeds of every choice.
-        portfolio: Search methods.
         tried: Vectors of constant fields that were tried, the best first, from which the first points are made; None
             if the family consists of constant fields, which are first changed alone.
-
-    Attributes:
-        encoding: Points as vectors.
-        nearest: The least distance so far.
     """
 
     def __init__(
@@ -295,7 +258,8 @@ class _Search:
         self._known: dict[tuple[float, ...], float | None] = {}
         self._constant = tried is None
         self._mixed = Recombination(family, tried or _star(self.encoding), np.random.default_rng([*seeds, 98]))
-        self._probes = (self._mixed.ask() for _ in range(0 if self._constant else _RECOMBINED))
+        # Before the methods, points that vary in time are made from constant ones.
+        self._probes = (self._mixed.ask() for _ in range(0 if self._constant else 24))
         self._lines = CoordinateSearch(self.encoding) if self._constant else None
         self._methods: list[Proposer] | None = None
         self._turn = 0
@@ -368,7 +332,7 @@ class _Search:
     def _next(self, methods: Sequence[Proposer]) -> Proposer:
         """Return the next method; until constant fields have reduced the distance, every other turn combines them."""
         self._turn += 1
-        if self._constant and self.nearest < _DOWN * self._usual:
+        if self._constant and self.nearest < 0.9 * self._usual:  # progress, not noise
             return methods[self._turn % len(methods)]
         return methods[self._turn // 2 % len(methods)] if self._turn % 2 else self._mixed
 

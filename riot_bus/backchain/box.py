@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from typing import NamedTuple
 
 Place = tuple[float, ...]
 """Value of each field."""
-
-_SWEEPS = 4  # a guess: it ends earlier if no edge moves, but that is not certain
 
 
 class RegionSample(NamedTuple):
@@ -63,12 +59,8 @@ def fit_box(samples: Sequence[RegionSample], box: Box) -> Box:
     """Return the box near a given one that contradicts the fewest samples.
 
     Edges are moved in turn; among equally good places the middle of the interval nearest to the old edge is taken.
-
-    Args:
-        samples: The points that were tried, and whether each failed.
-        box: Box to begin with.
     """
-    for _ in range(_SWEEPS):
+    for _ in range(4):  # a guess: it ends earlier if no edge moves, but that is not certain
         before = box
         for side in range(len(box.edges)):
             edges = list(box.edges)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from riot_bus.backchain.encoding import Encoding
-    from riot_bus.backchain.fir import Floats
+from riot_bus.backchain.encoding import Encoding
+from riot_bus.backchain.fir import Floats
 
 _REACHES = (0.2, 0.35, 0.07)
 """Steps, as shares of a field's encoded range; the next one only if no field comes nearer with the previous one."""
@@ -23,10 +20,6 @@ _NEARER = 0.95
 """A distance below this share of another one is progress, not noise."""
 _LINES, _STEPS, _ROUNDS = 4, 6, 4
 """Fields that are followed from one point, runs along each, and points from which the search starts."""
-_BEYOND = 0.05
-"""Share by which a line is followed beyond the place where it predicts that the rule is met."""
-_FARTHEST = 20.0
-"""Longest extrapolation of a line, as a multiple of its latest step."""
 
 
 @dataclass(slots=True)
@@ -55,9 +48,6 @@ class CoordinateSearch:
 
     Distances are often linear in a field's own value, at least over some range; then two answers predict where the rule
     is met. If inputs are refused or come no nearer, half of the way is tried.
-
-    Args:
-        encoding: Points as vectors.
     """
 
     def __init__(self, encoding: Encoding) -> None:
@@ -173,10 +163,10 @@ class CoordinateSearch:
         line.steps += 1
         if line.steps > _STEPS or near <= 0:
             return None
-        ahead = min(near / (far - near), _FARTHEST) if far > near else 0.0
+        ahead = min(near / (far - near), 20.0) if far > near else 0.0
         met = value + ahead * (value - before)
         if line.bad is None:
-            following = met + _BEYOND * (met - value)
+            following = met + 0.05 * (met - value)  # a little beyond
         elif not line.refined and ahead and abs(met - value) < abs(line.bad - value):
             line.refined = True
             following = met + (line.bad - met) / 4

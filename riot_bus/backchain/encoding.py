@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from riot_bus.backchain.fir import Floats
+from riot_bus.backchain.fir import Floats
 
 _DIGITS = 3  # steps of a thousandth of the distance from nominal: finer ones make no difference
 _FEW = 16  # a guess: modes have fewer values; counts and other quantities have more
@@ -22,12 +19,8 @@ class SearchField:
     """An external field that a search may set.
 
     Attributes:
-        name: `topic:field`.
         nominal: Usual value, in the field's unit.
         spread: Spread of the nominal log, in the field's unit; positive. The scale is linear within it.
-        low: Smallest value to try.
-        high: Largest value to try.
-        integer: Whether values are whole numbers.
         choice: Whether values are positions in a list, so that nothing lies between two of them.
 
     Raises:

@@ -6,16 +6,13 @@ matrix product of the drawn values with a table that the residuals fill (`correl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.injection import Signal
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -74,10 +71,8 @@ class RunColumns:
     """One external field in one run, seen at the output's samples.
 
     Attributes:
-        rows: Rows of this run in the stacked outputs.
         index: Input message per sample and lag (n x lags).
         values: Delivered values, in units of the signal's amplitude around its centre.
-        signal: Signal that was to be sent.
         first: The topic's index of the first message in `values`.
     """
 
@@ -198,13 +193,7 @@ def fitted(response: Floats, design: Floats) -> Floats:
 
 
 def memory_of(pieces: Sequence[Floats], *, low: float, high: float) -> float:
-    """Return the share of a series' value that the next one keeps (first-order autoregression), within limits.
-
-    Args:
-        pieces: The series of each run, with mean 0.
-        low: Least result, above -1.
-        high: Largest result, below 1.
-    """
+    """Return the share of a series' value that the next one keeps (first-order autoregression), within limits."""
     products = sum(float(one[:-1] @ one[1:]) for one in pieces)
     squares = sum(float(one[:-1] @ one[:-1]) for one in pieces)
     return float(np.clip(products / squares, low, high)) if squares > 0 else 0.0

@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any
-
-from riot_bus.backchain.extras import strong_components
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-_DEEPEST = 200
-"""Most hops on one path of a tree that follows each topic once; real systems have a tenth of that."""
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +12,6 @@ class ComponentTopics:
     """The topics that one component reads and writes.
 
     Attributes:
-        inputs: Topics that it reads.
-        outputs: Topics that it writes.
         told: Source of this, such as `riot.toml` or `recorded graph`; `inferred` if there is none.
         open: Whether it may read more than is known.
     """
@@ -36,13 +27,10 @@ class Hop:
     """A topic in a tree, and the topics one component further on.
 
     Attributes:
-        topic: The topic.
         component: Component that connects it to its parent in the tree; None at the root.
-        external: Whether the outside world controls it.
         loop: Whether it is already on the path from the root; it is not followed again.
         cut: Whether it is not followed because the tree was too large.
         again: Whether its next hops are elsewhere in the tree.
-        hops: The next hops, by component and topic.
     """
 
     topic: str
@@ -77,40 +65,8 @@ class TopicGraph:
         """Return the components that write a topic, by name."""
         return {name: one for name, one in sorted(self.components.items()) if topic in one.outputs}
 
-    def loops(self) -> list[tuple[str, ...]]:
-        """Return the sets of topics that lead back to themselves, each sorted."""
-        topics = sorted({topic for one in self.components.values() for topic in (*one.inputs, *one.outputs)})
-        number = {topic: place for place, topic in enumerate(topics)}
-        arrows = [
-            (number[source], number[target])
-            for one in self.components.values()
-            for source in one.inputs
-            for target in one.outputs
-        ]
-        groups: dict[int, list[str]] = {}
-        for topic, label in zip(topics, strong_components(len(topics), arrows), strict=True):
-            groups.setdefault(label, []).append(topic)
-        alone = {source for source, target in arrows if source == target}
-        return [tuple(one) for one in groups.values() if len(one) > 1 or number[one[0]] in alone]
-
-    def backtrack_tree(self, topic: str, externals: Collection[str], *, most: int = 10_000, once: bool = False) -> Hop:
-        """Return the tree of all paths from an internal topic back to the externals.
-
-        Branches that reach no external topic are left out, and paths end at the first external topic.
-
-        Args:
-            topic: The internal topic.
-            externals: Topics that the outside world controls.
-            most: Largest number of hops; what lies beyond is marked `cut`.
-            once: Whether each topic is followed only once, at its place nearest to the root, and marked `again`
-                elsewhere.
-        """
-        useful = frozenset[str]().union(*map(self.reached, externals))
-        if once:
-            return self._tree_once(topic, frozenset(externals), useful)
-        return self._tree(topic, frozenset(externals), useful, most=most)
-
-    def _next(self, topic: str, *, forward: bool) -> list[tuple[str, str]]:
+    def next(self, topic: str, *, forward: bool) -> list[tuple[str, str]]:
+        """Return the components that read (or, backwards, write) a topic, with each topic beyond them, sorted."""
         found = []
         for name, component in self.components.items():
             here, there = component.inputs, component.outputs
@@ -124,42 +80,18 @@ class TopicGraph:
         seen = {topic}
         ahead = [topic]
         while ahead:
-            for _, other in self._next(ahead.pop(), forward=forward):
+            for _, other in self.next(ahead.pop(), forward=forward):
                 if other not in seen:
                     seen.add(other)
                     ahead.append(other)
         return frozenset(seen)
 
-    def _tree_once(self, root: str, externals: frozenset[str], useful: frozenset[str]) -> Hop:
-        following: dict[str, list[tuple[str, str]]] = {}
-        owner: dict[str, tuple[str, str] | None] = {root: None}
-        ahead = [root]
-        for topic in ahead:  # grows: topics by their distance from the root
-            following[topic] = []
-            if topic not in externals or topic == root:
-                following[topic] = [one for one in self._next(topic, forward=False) if one[1] in useful]
-            for name, other in following[topic]:
-                if other not in owner:
-                    owner[other] = (topic, name)
-                    ahead.append(other)
+    def backtrack_tree(self, root: str, externals: Collection[str], *, most: int = 10_000) -> Hop:
+        """Return the tree of all paths from an internal topic back to the externals, its first `most` hops.
 
-        def grow(topic: str, component: str | None, path: frozenset[str]) -> Hop:
-            hops = []
-            for name, other in following[topic]:
-                external = other in externals
-                if other in path or other == topic:
-                    hops.append(Hop(other, name, external, loop=True))
-                elif len(path) >= _DEEPEST:
-                    hops.append(Hop(other, name, external, cut=True))
-                elif external or owner[other] == (topic, name):
-                    hops.append(grow(other, name, path | {topic}))
-                else:
-                    hops.append(Hop(other, name, external, again=bool(following[other])))
-            return Hop(topic, component, topic in externals, hops=tuple(hops))
-
-        return grow(root, None, frozenset())
-
-    def _tree(self, root: str, externals: frozenset[str], useful: frozenset[str], *, most: int) -> Hop:
+        Branches that reach no external topic are left out, and paths end at the first external topic.
+        """
+        useful = frozenset[str]().union(*map(self.reached, externals))
         neighbours: dict[str, list[tuple[str, str]]] = {}
         used = 0
 
@@ -174,7 +106,7 @@ class TopicGraph:
             if used >= most:
                 return Hop(topic, component, external, cut=True)
             if topic not in neighbours:
-                neighbours[topic] = [one for one in self._next(topic, forward=False) if one[1] in useful]
+                neighbours[topic] = [one for one in self.next(topic, forward=False) if one[1] in useful]
             hops: list[Hop] = []
             for name, other in neighbours[topic]:
                 if used >= most:

@@ -13,25 +13,19 @@ system run (time = number of the run), signals with `hold=1`, and `lags=1`.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from riot_bus.backchain.extras import student_reach
 from riot_bus.backchain.fir import Floats, LagColumns, RunColumns, lag_grid, standardise
 from riot_bus.backchain.responses import CHANNELS, Effect, residuals
-from riot_bus.backchain.strength import estimate
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from riot_bus.vocabulary.injection import Signal
-    from riot_bus.vocabulary.trial import Progress, Series
+from riot_bus.backchain.strength import estimate, student_reach
+from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.trial import Progress, Series
 
 _MIN_SAMPLES = 8
-_ROUNDS = 8
-_CLEAR = 0.5
 _FEWEST, _SUSPICION = 4, 0.002
 """Fewest runs to judge a field's first value, and the chance that one without any effect is suspected; a suspicion
 needs further runs, which cost more than all others together."""
@@ -66,14 +60,10 @@ class PermeabilityEdge:
     """Test result for the path from one external to one internal field.
 
     Attributes:
-        external: External field.
-        internal: Internal field.
         strength: Share of the variance within a run that the external field explains, 0 to 1.
         low: Lower end of the jackknife interval (95 %) of the strength, over runs; 0 if the effect is not significant.
-        high: Upper end of that interval.
         lag_s: Lag at which the external field shows most, in seconds.
         p_value: Chance of such evidence, or stronger, from any of the fields left at that step, without an effect.
-        permeable: Whether the effect is significant.
         effect: Aspect of the internal field whose variance the strength is a share of.
         detectable: Smallest share of the variance at which an effect of a single lag would have shown at this step;
             None if the effect is significant, or if no effect would have shown.
@@ -109,9 +99,9 @@ class PermeabilityResult:
     alpha: float = 0.05
     runs: int = 0
 
-    def permeable(self, internal: str | None = None) -> tuple[PermeabilityEdge, ...]:
-        """Return the significant edges (into one internal field, when given)."""
-        return tuple(edge for edge in self.edges if edge.permeable and internal in (None, edge.internal))
+    def permeable(self) -> tuple[PermeabilityEdge, ...]:
+        """Return the significant edges."""
+        return tuple(edge for edge in self.edges if edge.permeable)
 
     def doubtful(self) -> tuple[PermeabilityEdge, ...]:
         """Return the significant edges whose interval of the strength contains 0: some of them are chance findings."""
@@ -120,11 +110,7 @@ class PermeabilityResult:
     def confirmed_by(self, fresh: PermeabilityResult, together: PermeabilityResult) -> PermeabilityResult:
         """Return the result of all runs, in which an edge whose interval contains 0 needs confirmation by other runs.
 
-        An edge that they do not confirm is not permeable and gets their p-value.
-
-        Args:
-            fresh: Result of the other runs.
-            together: Result of these and the other runs together.
+        An edge that the `fresh` ones do not confirm is not permeable and gets their p-value.
         """
         clear = {_pair(edge) for edge in self.permeable() if edge.low > 0}
         asked = {_pair(edge): edge for edge in fresh.edges}
@@ -203,11 +189,6 @@ def may_latch(runs: Sequence[Run], external: str, internal: str) -> bool:
     """Return whether the first value of a field in each run seems to decide the mean of an internal field.
 
     This costs no further runs, but proves nothing: so few runs only show which fields are worth testing.
-
-    Args:
-        runs: The multiplexed runs.
-        external: The external field.
-        internal: The internal field.
     """
     series = [
         (run.inputs[external].series.values, np.asarray(run.outputs[internal].values, dtype=np.float64))
@@ -308,7 +289,7 @@ def _evidence(columns: LagColumns, left_over: Floats, *, draws: int, seed: Seque
 def _effect(scores: Floats) -> Effect:
     """Return which aspect follows the field: the level if the effect shows there about as well as anywhere."""
     level = max(score for score, channel in zip(scores, CHANNELS, strict=True) if channel == "level")
-    return "level" if level >= _CLEAR * scores.max() else CHANNELS[int(scores.argmax())]
+    return "level" if level >= 0.5 * scores.max() else CHANNELS[int(scores.argmax())]
 
 
 def _select(
@@ -322,7 +303,7 @@ def _select(
     selected: list[str] = []
     detectable: dict[str, float] = {}
     spare = min(draws, int(alpha * (draws + 1))) - 1  # redraws that may score as high as a discovery
-    for _ in range(_ROUNDS):
+    for _ in range(8):
         left = [name for name in names if name not in selected]
         if not left:
             break

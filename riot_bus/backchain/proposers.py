@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from riot_bus.backchain.fir import Floats
 
-_TREES = 40  # a guess: the forest is fitted anew for each proposal; not measured
 _CANDIDATES = 300  # a guess: 225 near the best points, 75 anywhere
 _FIT_LIMIT = 600  # three times the default budget; bounds the fit in long or shared searches
 
@@ -160,7 +159,8 @@ class Forest:
         vectors = np.asarray([self._history.vectors[at] for at in kept])
         values = np.log1p(np.maximum(np.asarray([self._history.values[at] for at in kept]), 0.0))
         seed = int(self._rng.integers(2**31))
-        model = ExtraTreesRegressor(n_estimators=_TREES, min_samples_leaf=1, random_state=seed, n_jobs=1)
+        # a guess: the forest is fitted anew for each proposal; not measured
+        model = ExtraTreesRegressor(n_estimators=40, min_samples_leaf=1, random_state=seed, n_jobs=1)
         model.fit(vectors, values)
         candidates = self._candidates(vectors)
         guesses = np.asarray([tree.tree_.predict(candidates.astype(np.float32))[:, 0] for tree in model.estimators_])
@@ -192,11 +192,10 @@ class Evolution:
     least_size: ClassVar[int] = 2
     """CMA-ES adapts a covariance, which needs two dimensions."""
 
-    def __init__(self, history: History, nominal: Floats, rng: np.random.Generator, *, patience: int = 12) -> None:
+    def __init__(self, history: History, nominal: Floats, rng: np.random.Generator) -> None:
         del history
         self._nominal = nominal
         self._rng = rng
-        self._patience = patience
         self._restarts = 0
         self._answers: list[tuple[Floats, float]] = []
         self._asked = 0
@@ -222,7 +221,7 @@ class Evolution:
         self._best = min(best, self._best)
         self._engine.tell(self._answers)
         self._answers, self._asked = [], 0
-        if self._idle >= self._patience or self._engine.should_stop():
+        if self._idle >= 12 or self._engine.should_stop():
             self._restarts += 1
             self._idle, self._best = 0, float("inf")
             self._engine = self._begin()
@@ -249,12 +248,6 @@ def proposers(
     methods: Sequence[SearchMethod], history: History, nominal: Floats, seeds: Sequence[int]
 ) -> list[Proposer]:
     """Return the search methods of a portfolio, each with its own random numbers.
-
-    Args:
-        methods: Methods in the order of their turns.
-        history: History that they share.
-        nominal: The nominal vector, shape (n,).
-        seeds: Seeds of all random numbers.
 
     Raises:
         ConfigError: All of them need more dimensions.

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice, product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from riot_bus.backchain.box import Box, Place, RegionSample, fit_box
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Mapping, Sequence
-
-    from riot_bus.backchain.encoding import SearchField
-    from riot_bus.vocabulary.trial import Ask, Progress
+from riot_bus.backchain.encoding import SearchField
+from riot_bus.vocabulary.trial import Ask, Progress
 
 _STRIDE = 4.0
 _ROUNDS = 20
@@ -30,8 +26,6 @@ class Region:
     """A box in which the failure happens.
 
     Attributes:
-        names: The fields.
-        box: Their ranges.
         samples: The start and all tested points, in order.
         good: Whether the box describes the zone: away from its edges, nine of ten samples on either side agree.
         ends: Sides of the box with a failure at the end of the field's range, beyond which nothing was tried.
@@ -59,14 +53,8 @@ def map_region(
     First, growing steps and bisection along each axis; then samples at the corners and on either side of each edge,
     which move the edges until a round of samples comes out as predicted.
 
-    Args:
-        start: A failing point; fields other than the axes keep its values.
-        axes: Fields of the box.
-        ask: Function that returns whether each of some points fails.
-        seed: Seed of the choice of samples.
-        budget: Largest number of points tested.
-        tolerance: Width to which an edge is bracketed, in the fields' units (one number, or one per axis).
-        progress: Called after each batch.
+    Fields other than the axes keep their values at the start. Edges are bracketed to the tolerance, in the units of the
+    fields (one number, or one per axis).
 
     Raises:
         ValueError: `tolerance` or `budget` is not positive, there are no axes, or two are one field.
@@ -133,10 +121,7 @@ def _with(place: Place, axis: int, value: float) -> Place:
 
 
 def _ray(start: float, end: float, width: float, nominal: float) -> Generator[float, bool | None, float]:
-    """Yield values to test between a failing one and the end of the range; return where the zone ends.
-
-    If the nominal value is in between, it comes first: large steps could skip it although it passes.
-    """
+    """Yield values to test between a failing one and the end of the range; return where the zone ends."""
     inside, outside = start, end
     sign = math.copysign(1.0, end - start)
     stride, asked = width, False

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 
 from riot_bus.backchain.fir import Floats, fit_terms, fitted, memory_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 Effect = Literal["level", "change", "spread"]
 """Aspect of an internal field that follows an external one: its value, its innovations, or how much it varies."""
@@ -17,7 +15,7 @@ Effect = Literal["level", "change", "spread"]
 CHANNELS: tuple[Effect, ...] = ("level", "change", "spread", "level", "level")
 """The effect that each column of `residuals` shows."""
 
-_TERMS = 4  # a guess: for each field; `fit_terms` may stop earlier, this bounds its time
+TERMS = 4  # a guess: for each field; `fit_terms` may stop earlier, this bounds its time
 _LEAST_SPREAD = 0.25  # of the mean size: quiet samples weigh at most four times as much
 _TRIMS = 6  # a guess: each fit without outliers shows which samples really are
 _MEMORY = 0.99  # largest size of an autocorrelation: with 1, innovations of a drift would be noise alone
@@ -25,12 +23,7 @@ _OUTLIER = 6.0  # times the median size: four standard deviations of normal nois
 
 
 def responses(pieces: Sequence[Floats], level: Floats | None = None) -> Floats:
-    """Return level, innovation and spread of a series, centred per run (samples x 3).
-
-    Args:
-        pieces: The standardised series of each run.
-        level: Residual of the level whose size is the spread; the series itself when None.
-    """
+    """Return level, innovation and spread (size of `level`, or of the series), centred per run (samples x 3)."""
     memory = memory_of(pieces, low=-_MEMORY, high=_MEMORY)
     rest = _cut(np.concatenate(pieces) if level is None else level, pieces)
     parts = []
@@ -55,7 +48,7 @@ def residuals(
     left = raw
     if selected:
         design = np.hstack([designs[name] for name in selected])
-        most = _TERMS * len(selected)
+        most = TERMS * len(selected)
         level = raw[:, 0] - _explained(raw[:, 0], design, most)
         raw = responses(pieces, level)
         explained = [_explained(raw[:, at], design, most) for at in range(3)]

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.backchain.extras import student_reach
 from riot_bus.backchain.fir import Floats, Ints, fit_terms, fitted
+from riot_bus.backchain.responses import TERMS
+from riot_bus.vocabulary.errors import needs_extra
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-_TERMS = 4  # as in responses.py: the selected fields explain as much as in the test
 _FEWEST_GROUPS = 4  # Student's t: 3.2 standard errors with four groups, 4.3 with three, 12.7 with two
 
 
@@ -22,7 +19,6 @@ class Share:
     """Share of a response's variance that one field explains.
 
     Attributes:
-        name: The field.
         strength: The share, 0 to 1, corrected for the number of terms.
         low: Lower end of the 95 % jackknife interval.
         high: Upper end of that interval.
@@ -41,19 +37,15 @@ def estimate(
 ) -> list[Share]:
     """Return the share of each asked field, given the selected ones.
 
-    Args:
-        response: The internal series, centred per run (samples).
-        designs: Columns of each field (samples x columns).
-        selected: Fields with an effect: what they explain is not credited to others.
-        asked: Fields whose share is wanted.
-        groups: Run of each sample; with fewer than four runs each is cut into blocks for the jackknife.
+    The response is centred per run; what `selected` fields explain is not credited to others. `groups` has the run of
+    each sample; with fewer than four runs each is cut into blocks for the jackknife.
     """
     groups = _blocks(groups)
     terms: list[tuple[str, int]] = []
     if selected:
         owners = [(name, column) for name in selected for column in range(designs[name].shape[1])]
         together = np.hstack([designs[name] for name in selected])
-        terms = [owners[at] for at in fit_terms(response, together, most=_TERMS * len(selected))]
+        terms = [owners[at] for at in fit_terms(response, together, most=TERMS * len(selected))]
     shares = []
     for name in asked:
         others = [term for term in terms if term[0] != name]
@@ -111,3 +103,14 @@ def _blocks(groups: Ints) -> Ints:
         rows = np.flatnonzero(groups == run)
         result[rows] = run * pieces + np.arange(len(rows)) * pieces // len(rows)
     return result
+
+
+def student_reach(freedom: int, *, confidence: float = 0.95) -> float:
+    """Return the half width of an interval in standard errors (Student's t).
+
+    Raises:
+        MissingExtraError: scipy is not installed.
+    """
+    with needs_extra("scipy", "analysis"):
+        from scipy.special import stdtrit
+    return float(stdtrit(freedom, (1 + confidence) / 2))

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from riot_bus.backchain.encoding import Encoding, SearchField
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from riot_bus.backchain.fir import Floats
+from riot_bus.backchain.fir import Floats
 
 _PARTS = 3
 """Parts of a run: enough for a pulse that another value follows."""
-_WAVE_POINTS, _MOST_PERIODS = 16, 40
-_BEST, _SPREAD, _ENDS = 6, (0.0, 0.25, 0.75, 1.0), (0.0, 1.0)
-"""Values of a field to combine with others: those of the nearest points, quantiles of all, and the ends."""
+_WAVE_POINTS, _MOST_PERIODS = 16, 40  # a guess: points of a period, and periods in a run
 
 
 class Dimension(NamedTuple):
     """One number of an input that varies in time.
 
     Attributes:
-        search: Name and range of the number.
         field: Index of the field whose value it is; None for a time.
     """
 
@@ -40,7 +34,6 @@ class Drive:
     """Values of one field during a part of a run.
 
     Attributes:
-        field: Name of the field.
         value: Value that it is set to; None if there are `points`.
         start: Start of that time, in seconds since the first message.
         end: End of that time, in seconds; None for never.
@@ -64,12 +57,9 @@ class VariedInputs:
     A field that would get its nominal value is left alone.
 
     Args:
-        fields: Fields that may be set.
-        seconds: Duration of a run.
         counts: Number of messages of each field's topic in a run; 0 for a field with one value per run.
 
     Attributes:
-        families: For each way, the numbers that define the inputs.
         field_of: Field of each number that is a value; numbers that are times have none.
     """
 
@@ -164,9 +154,7 @@ class Recombination:
     This leads off a plateau on which a field matters only while, or after, another one has a certain value.
 
     Args:
-        family: The numbers that are proposed.
         constants: Vectors that were tried, in [0, 1]^n, one number for each field, the best first.
-        rng: Random numbers.
     """
 
     def __init__(self, family: Sequence[Dimension], constants: Sequence[Floats], rng: np.random.Generator) -> None:
@@ -175,7 +163,7 @@ class Recombination:
         self._rng = rng
         tried = np.asarray(constants)
         self._pool = [
-            np.concatenate([tried[:_BEST, field], np.quantile(tried[:, field], _SPREAD)])
+            np.concatenate([tried[:6, field], np.quantile(tried[:, field], (0.0, 0.25, 0.75, 1.0))])
             for field in range(tried.shape[1])
         ]
 
@@ -187,7 +175,7 @@ class Recombination:
             if field is None:
                 vector[place] = rng.random()
             elif rng.random() < share:
-                vector[place] = rng.choice(_ENDS if ends else self._pool[field])
+                vector[place] = rng.choice((0.0, 1.0) if ends else self._pool[field])
         return vector
 
     def tell(self, vector: Floats, value: float) -> None:

@@ -39,12 +39,6 @@ def never_applied(
 
     A field or a message counts if it is in the log, left alone or not.
 
-    Args:
-        dictionary: Dictionary with the tables.
-        messages: The log.
-        registry: Registry of its types.
-        fields: All fields of the log, by topic.
-
     Raises:
         ConfigError: A mutation names a field that its type does not have.
     """
@@ -70,12 +64,7 @@ def never_applied(
 
 
 def naming_nothing(patterns: Iterable[str], fields: Mapping[str, Iterable[Target]]) -> list[str]:
-    """Return the patterns (`topic:path`) that name no field of a log, no length of one, and no topic's messages.
-
-    Args:
-        patterns: Patterns, such as `leave` of riot.toml.
-        fields: All fields of the log, by topic.
-    """
+    """Return the patterns (`topic:path`) that name no field of a log, no length of one, and no topic's messages."""
     names = {f"{topic}:" for topic in fields} | {_name(each) for found in fields.values() for each in found}
 
     def named(pattern: str) -> bool:
@@ -91,12 +80,6 @@ def misfits(text: str, where: str, messages: Sequence[Message], registry: TypeRe
 
     These are tables that apply to no field or message of the log, mutations of fields that do not exist, and values
     that a field's type cannot hold. Each is told once.
-
-    Args:
-        text: Content of the dictionary file, as TOML.
-        where: Name of the file, for error messages.
-        messages: The log.
-        registry: Registry of its types.
 
     Raises:
         ConfigError: The file is wrong for any log: not TOML, or an unknown key or type.
@@ -127,16 +110,7 @@ def applied(
     leave: Sequence[str] = (),
     include: Sequence[str] = (),
 ) -> dict[str, AppliesTo]:
-    """Return what each table of a file (`entry[0]`, `field[0]`, `message[0]`, ...) applies to in a log.
-
-    Args:
-        file: The file.
-        text: Text of the file.
-        messages: The log.
-        registry: Registry of the log's types.
-        leave: Patterns of fields to leave alone, as for `targets_of`.
-        include: Patterns of brittle fields to include.
-    """
+    """Return what each table of a file (`entry[0]`, `field[0]`, `message[0]`, ...) applies to in a log."""
     every = [each for found in targets_of(messages, registry, include=["*"]).values() for each in found]
     chosen = {each for found in targets_of(messages, registry, leave=leave, include=include).values() for each in found}
     tables: dict[str, list[tuple[str, bool]]] = {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -32,12 +31,28 @@ _DRAWN = 4
 """One in this many trials has policies on many messages; they are drawn blindly until each variation has been tried."""
 _NARROWED = 2
 """One in this many trials after covering, apart from those with policies, isolates the cause of new behaviour."""
-_NOMINAL = 4
-_MORE_NOMINAL = 16
 _MOST_CASES = 3
 """Cases of one signature that are repeated before it counts as unconfirmed."""
 _HANGS, _HANG_SHARE = 8, 0.5
 """Hangs take more than this share of the time of all trials only until there have been so many; a guess."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignSettings:
+    """Seed and budget of a campaign.
+
+    Attributes:
+        trials: Largest number of injected trials, not counting nominal and repeated ones; None for no limit.
+        seconds: Time limit in seconds; None for no limit.
+        covered: Whether to end when all that the covering has to try was tried.
+        ordered: Whether trials keep the order of the log across topics.
+    """
+
+    seed: int
+    trials: int | None
+    seconds: float | None = None
+    covered: bool = False
+    ordered: bool = False
 
 
 @dataclass(slots=True)
@@ -46,23 +61,18 @@ class CampaignResult:
 
     Attributes:
         failures: Failures confirmed by fresh trials, by signature, in the order of discovery.
-        unconfirmed: Failures that no fresh trial has shown again.
         trials: Number of all trials, without repeated ones.
-        failing: Number of failing trials.
         exhausted: Whether the budget of trials was used up, or all was tried (False: time ran out, or the campaign was
             told to stop).
         notes: Notes and their numbers, such as of monitors that raised an exception or saw nothing.
         starts: Ways in which trials started the unit, and how many did so; the last trial's way at the end.
         tried: Variations that were tried, and whether they failed alone.
         undecided: Variations that failed together, and that the budget did not tell apart.
-        coverable: Number of variations to try.
-        effects: Effects of the injections.
         unjudged: Cases that could not be judged, and why.
         alarms: Signatures from comparison with nominal trials that nominal trials have shown themselves: no failures;
             also in `notes`.
         unordered: Number of passing trials in which the order across topics was given up.
         calm: Number of trials for which what had hung was kept back, since hangs took too much of the time.
-        stopped: Whether it was told to stop.
         grown: Passing cases after which the unit had grown more than in nominal trials, the most first; before each
             how much more, as a share of what is allowed.
     """
@@ -86,30 +96,30 @@ class CampaignResult:
     grown: list[tuple[float, TestCase]] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
-class _Repeating:
-    """A runner that reports when it has run trials."""
-
-    runner: Runner
-    tell: Callable[[str], None]
-
-    @property
-    def parallelism(self) -> int:
-        return self.runner.parallelism
-
-    def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
-        outcomes = self.runner.run(cases)
-        self.tell(", repeating a failure")
-        return outcomes
-
-
 @dataclass(slots=True)
 class _Campaign:
+    """A campaign while it runs.
+
+    Attributes:
+        done: Number of injected trials so far.
+        alarms: Number of nominal trials that show a signature.
+        baseless: Signatures that no nominal trial could be compared for, and why.
+        unseen: By monitor, the trials in which it saw nothing, and why.
+        controlled: By signature of growth, how many messages its last control has played.
+        hangs: Seconds of each trial that hung.
+        seconds: Seconds of all trials together.
+    """
+
+    log: tuple[Message, ...]
+    schedule: Schedule
     runner: Runner
+    settings: CampaignSettings
+    covering: Covering | None
+    progress: Callable[[int, int | None, str, float | None], object] | None
     found: Callable[[Failure], object]
-    ordered: bool
-    types: Mapping[tuple[str, str], str]
+    started: float = field(default_factory=time.monotonic)
     result: CampaignResult = field(default_factory=CampaignResult)
+    done: int = 0
     failures: dict[str, Failure] = field(default_factory=dict)
     alarms: dict[str, int] = field(default_factory=dict)
     baseless: dict[str, str] = field(default_factory=dict)
@@ -118,16 +128,47 @@ class _Campaign:
     controlled: dict[str, int] = field(default_factory=dict)
     hangs: list[float] = field(default_factory=list)
     seconds: float = 0.0
-    tell: Callable[[str], None] = lambda _: None
 
     @property
-    def repeating(self) -> Runner:
-        """Runner of further trials of cases that failed."""
-        return _Repeating(self.runner, self.tell)
+    def all_tried(self) -> bool:
+        """Whether the campaign ends because the covering has nothing left to try."""
+        return self.settings.covered and self.covering is not None and self.covering.finished
 
-    def case(self, log: tuple[Message, ...], seed: int, injections: tuple[Injection, ...] = ()) -> TestCase:
+    @property
+    def used_up(self) -> bool:
+        """Whether the budget of trials was used up, or all was tried."""
+        return self.all_tried or (self.settings.trials is not None and self.done >= self.settings.trials)
+
+    @property
+    def time_is_over(self) -> bool:
+        """Whether the time limit has passed."""
+        return self.settings.seconds is not None and time.monotonic() - self.started >= self.settings.seconds
+
+    def tell(self, doing: str = "") -> None:
+        """Report the progress."""
+        if self.progress is None:
+            return
+        settings, covering = self.settings, self.covering
+        distinct = sum(failure.confirmed for failure in self.failures.values())
+        tried = f", {covering.covered} of {covering.total} tried" if covering else ""
+        left = None if settings.seconds is None else max(0.0, self.started + settings.seconds - time.monotonic())
+        total = None if settings.covered and covering else settings.trials  # covering ends before that
+        self.progress(self.done, total, f"{self.result.failing} failing, {distinct} distinct{tried}{doing}", left)
+
+    @property
+    def parallelism(self) -> int:
+        """Number of trials at once."""
+        return self.runner.parallelism
+
+    def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
+        """Run further trials of cases that failed: the campaign is the runner of these."""
+        outcomes = self.runner.run(cases)
+        self.tell(", repeating a failure")
+        return outcomes
+
+    def case(self, seed: int, injections: tuple[Injection, ...] = ()) -> TestCase:
         """Return a test case of this campaign."""
-        return TestCase(log, injections, seed, ordered=self.ordered)
+        return TestCase(self.log, injections, seed, ordered=self.settings.ordered)
 
     @property
     def calm(self) -> bool:
@@ -160,7 +201,7 @@ class _Campaign:
                 result.failing += 1
                 fresh |= {
                     each.violation.signature: each
-                    for each in group(self.failures, case, outcome, trial=trial, types=self.types)
+                    for each in group(self.failures, case, outcome, trial=trial, types=self.schedule.types)
                 }
         for failure in [each for each in fresh.values() if not each.confirmed]:
             self.confirm(failure)
@@ -175,7 +216,7 @@ class _Campaign:
         failure.tried.add(failure.trial)
         signature = failure.violation.signature
         failure.nominal = proportion(sum(one.failed_as(signature) for one in self.nominal), len(self.nominal))
-        failure.case, failure.rate = repeat_in_order(failure.case, signature, self.repeating)
+        failure.case, failure.rate = repeat_in_order(failure.case, signature, self)
         if not failure.rate.total:
             self.result.notes[f"{signature}: none of its repeats could be judged"] = failure.attempts
 
@@ -185,38 +226,82 @@ class _Campaign:
             self._replace(failure, *failure.simpler)
             failure.simpler = None
         for case in plainer(failure):
-            (outcome,) = self.repeating.run([case])
+            (outcome,) = self.run([case])
             if outcome.failed_as(failure.violation.signature) and self._replace(failure, case, failure.trial, outcome):
                 break
 
     def _replace(self, failure: Failure, case: TestCase, trial: int, outcome: Outcome) -> bool:
         """Make another case represent a failure if it fails as often; return whether it does."""
-        case, rate = repeat_in_order(case, failure.violation.signature, self.repeating)
+        case, rate = repeat_in_order(case, failure.violation.signature, self)
         as_often = failure.rate is None or rate.rate >= failure.rate.rate
         if as_often:
             failure.represent_by(case, trial, outcome)
             failure.rate = rate
         return as_often
 
-    def check_nominal(self, log: tuple[Message, ...], seed: int) -> int:
-        """Run the nominal log, more often if verdicts differ; return the number of trials."""
+    def check_nominal(self) -> None:
+        """Run the nominal log, more often if verdicts differ; if these trials cannot be judged, no others can."""
         cases, outcomes = dict[int, TestCase](), list[Outcome]()
-        for count in (_NOMINAL, _MORE_NOMINAL):
+        for count in (4, 16):
             if not outcomes or len({outcome.verdict for outcome in outcomes}) > 1:
-                more = {-number: self.case(log, seed + number - 1) for number in range(len(cases) + 1, count + 1)}
-                outcomes += _run_nominal(self.runner, list(more.values()))
+                more = {-n: self.case(self.settings.seed + n - 1) for n in range(len(cases) + 1, count + 1)}
+                outcomes += self.runner.run(list(more.values()))
                 cases |= more
+        if unjudged := [outcome for outcome in outcomes if not outcome.judged]:
+            why = unjudged[0].detail
+            raise EnvironmentFaultError(f"a trial of the nominal log could not be carried out: {why}")
         self._know_alarms(outcomes)
-        told = [dict(outcome.statistics.get("baseless", {})) for outcome in outcomes]
-        self.baseless = {key: why for key, why in told[0].items() if all(key in each for each in told)}
-        outcomes = list(map(self._judged, outcomes))
-        self.nominal = outcomes
-        self.judge(cases, outcomes)
-        return len(outcomes)
+        missing = [dict(outcome.statistics.get("baseless", {})) for outcome in outcomes]
+        self.baseless = {key: why for key, why in missing[0].items() if all(key in each for each in missing)}
+        self.nominal = list(map(self._judged, outcomes))
+        self.judge(cases, self.nominal)
+        if self.covering:
+            self.covering.nominal_outputs = min(int(one.statistics.get("outputs", 0)) for one in self.nominal)
 
-    def explore(self, cases: Mapping[int, TestCase]) -> Sequence[Outcome]:
-        """Run injected trials."""
-        return list(map(self._judged, self.runner.run(list(cases.values()))))
+    def next_batch(self) -> None:
+        """Choose the next injected trials together, run and judge them."""
+        covering, settings = self.covering, self.settings
+        behind = self.done + max(_ROUND, self.runner.parallelism)
+        batch = range(self.done, behind if settings.trials is None else min(settings.trials, behind))
+        calm = self.calm and not settings.covered
+        self.result.calm += len(batch) if calm and covering else 0
+        together = {trial: _together(covering, trial, calm=calm) for trial in batch}
+        cases = {
+            trial: self.case(
+                settings.seed,
+                tuple(one for placed in chosen for one in placed.injections)
+                if chosen
+                else self.schedule.injections(trial),
+            )
+            for trial, (_, chosen) in together.items()
+        }
+        outcomes = list(map(self._judged, self.runner.run(list(cases.values()))))
+        if covering and not self.done:
+            covering.novelties.know(self.nominal)
+        self.done = batch.stop
+        self.judge(cases, outcomes)
+        for (chooser, chosen), outcome in zip(together.values(), outcomes, strict=True):
+            if chooser and chosen:
+                chooser.record(chosen, outcome)
+        self.tell()
+
+    def account(self) -> CampaignResult:
+        """Return the results: the failures, each by its simplest case, and what has to be said of the trials."""
+        result, covering, nominal = self.result, self.covering, len(self.nominal)
+        for failure in self.failures.values():
+            (result.failures if failure.confirmed else result.unconfirmed)[failure.violation.signature] = failure
+        for failure in result.failures.values():
+            self.simplify(failure)
+        every = nominal + self.done - len(result.unjudged)
+        blind = {name: next(reversed(each.values())) for name, each in self.unseen.items() if len(each) == every}
+        result.notes |= {f"{name}: {why}": every for name, why in blind.items()}
+        result.notes |= {f"{name}: {why}, in no nominal trial": nominal for name, why in self.baseless.items()}
+        result.notes |= {f"{name}: nominal trials show the same": count for name, count in self.alarms.items()}
+        if covering:
+            result.tried, result.undecided, result.coverable = covering.tried, covering.undecided, covering.total
+        result.trials, result.alarms = nominal + self.done, sorted(self.alarms)
+        result.grown.sort(key=lambda each: -each[0])
+        return result
 
     def _know_alarms(self, outcomes: Sequence[Outcome]) -> None:
         """Note violations by comparison with nominal trials that nominal trials show themselves: they are nominal."""
@@ -230,7 +315,7 @@ class _Campaign:
         for signature in {each.signature for each in outcome.violations if each.monitor == "growth"} - set(self.alarms):
             if played > max(2 * len(case.messages), self.controlled.get(signature, 0)):
                 self.controlled[signature] = played
-                controls = more_nominal(case, played, self.repeating)
+                controls = more_nominal(case, played, self)
                 if usual := sum(one.failed_as(signature) for one in controls):
                     self.alarms[signature] = usual
         return self._judged(outcome)
@@ -242,26 +327,13 @@ class _Campaign:
         return outcome.without(lambda each: each.signature in self.alarms or each.signature in self.baseless)
 
 
-def _run_nominal(runner: Runner, cases: Sequence[TestCase]) -> list[Outcome]:
-    """Run trials of the nominal log; if these cannot be judged, no others can."""
-    outcomes = list(runner.run(cases))
-    for outcome in outcomes:
-        if not outcome.judged:
-            raise EnvironmentFaultError(f"a trial of the nominal log could not be carried out: {outcome.detail}")
-    return outcomes
-
-
 def run_campaign(
     messages: Sequence[Message],
     schedule: Schedule,
     runner: Runner,
+    settings: CampaignSettings,
     *,
-    seed: int,
-    trials: int | None,
     covering: Covering | None = None,
-    ordered: bool = False,
-    seconds: float | None = None,
-    covered: bool = False,
     progress: Callable[[int, int | None, str, float | None], object] | None = None,
     found: Callable[[Failure], object] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
@@ -271,81 +343,25 @@ def run_campaign(
     A unit that always fails on the nominal log is not tested further. One that sometimes fails is tested: its failures
     on the nominal log are findings without injections, with their rates.
 
-    Args:
-        messages: The nominal log of the unit's inputs.
-        schedule: Schedule that draws the injections of the other trials.
-        runner: Runner of test cases.
-        seed: Seed of the campaign.
-        trials: Largest number of injected trials, not counting nominal and repeated ones; None for no limit.
-        covering: Covering that chooses most trials; without it, all are drawn.
-        ordered: Whether trials keep the order of the log across topics.
-        seconds: Time limit in seconds; None for no limit.
-        covered: Whether to end when all that `covering` has to try was tried.
-        progress: Function that is called after each batch, also those that repeat failures, with the injected trials so
-            far, their final number (None if unknown), a text on the state, and the seconds left (None for no limit).
-        found: Function that is called with each failure as soon as it is confirmed.
-        stop: Function that is called before each batch of injected trials; True ends the campaign.
+    The schedule draws the injections that `covering` does not choose. `progress` is called after each batch, also those
+    that repeat failures, with the injected trials so far, their final number (None if unknown), a text on the state,
+    and the seconds left (None for no limit); `found` with each failure as soon as it is confirmed; `stop` before each
+    batch of injected trials: True ends the campaign.
 
     Raises:
         EnvironmentFaultError: Trials of the nominal log cannot be judged.
     """
-    log, stopped = tuple(messages), False
-    work = _Campaign(runner, found, ordered, schedule.types)
-    nominal = work.check_nominal(log, seed)
-    result = work.result
-    done, started, most = 0, time.monotonic(), sys.maxsize if trials is None else trials
-    hopeless = result.failing == nominal
-    if covering:
-        covering.nominal_outputs = min(int(one.statistics.get("outputs", 0)) for one in work.nominal)
-
-    def tell(doing: str = "") -> None:
-        if progress:
-            distinct = sum(failure.confirmed for failure in work.failures.values())
-            told = f", {covering.covered} of {covering.total} tried" if covering else ""
-            left = None if seconds is None else max(0.0, started + seconds - time.monotonic())
-            total = None if covered and covering else trials  # covering ends before that
-            progress(done, total, f"{result.failing} failing, {distinct} distinct{told}{doing}", left)
-
-    work.tell = tell
-    while not hopeless and done < most and (seconds is None or time.monotonic() - started < seconds):
-        if stopped := stop():
+    work = _Campaign(tuple(messages), schedule, runner, settings, covering, progress, found)
+    work.check_nominal()
+    if work.result.failing == len(work.nominal):
+        return work.account()
+    while not work.used_up and not work.time_is_over:
+        if stop():
+            work.result.stopped = True
             break
-        if covered and covering and covering.finished:
-            break
-        batch = range(done, min(most, done + max(_ROUND, runner.parallelism)))
-        calm = work.calm and not covered
-        result.calm += len(batch) if calm and covering else 0
-        together = {trial: _together(covering, trial, calm=calm) for trial in batch}
-        cases = {
-            trial: work.case(log, seed, tuple(one for placed in chosen for one in placed.injections))
-            if chosen
-            else work.case(log, seed, schedule.injections(trial))
-            for trial, (_, chosen) in together.items()
-        }
-        outcomes = work.explore(cases)
-        if covering and not done:
-            covering.novelties.know(work.nominal)
-        done = batch.stop
-        work.judge(cases, outcomes)
-        for (chooser, chosen), outcome in zip(together.values(), outcomes, strict=True):
-            if chooser and chosen:
-                chooser.record(chosen, outcome)
-        tell()
-    for failure in work.failures.values():
-        (result.failures if failure.confirmed else result.unconfirmed)[failure.violation.signature] = failure
-    for failure in result.failures.values():
-        work.simplify(failure)
-    every = nominal + done - len(result.unjudged)
-    blind = {name: next(reversed(each.values())) for name, each in work.unseen.items() if len(each) == every}
-    result.notes |= {f"{name}: {why}": every for name, why in blind.items()}
-    result.notes |= {f"{signature}: {why}, in no nominal trial": nominal for signature, why in work.baseless.items()}
-    result.notes |= {f"{signature}: nominal trials show the same": count for signature, count in work.alarms.items()}
-    if covering:
-        result.tried, result.undecided, result.coverable = covering.tried, covering.undecided, covering.total
-    result.trials, result.stopped, result.alarms = nominal + done, stopped, sorted(work.alarms)
-    result.exhausted = not hopeless and (done >= most or (covered and covering is not None and covering.finished))
-    result.grown.sort(key=lambda each: -each[0])
-    return result
+        work.next_batch()
+    work.result.exhausted = work.used_up
+    return work.account()
 
 
 def _together(

@@ -26,8 +26,6 @@ _FIRST = 4
 _DOUBT, _SPREAD = 0.005, 0.15
 """Accepted doubt whether the case triggers the failure or it is chance, and accepted spread of the rate; then trials
 end. A failure in one of five trials is missed once in eighty-seven times."""
-_CONTROLS = 4
-"""Trials of nominal messages; they are twice as many as those that make the unit grow, so that chance hides nothing."""
 
 
 def join_logs(logs: Sequence[Sequence[Message]]) -> tuple[Message, ...]:
@@ -42,25 +40,13 @@ def join_logs(logs: Sequence[Sequence[Message]]) -> tuple[Message, ...]:
 
 
 def more_nominal(case: TestCase, played: int, runner: Runner) -> Sequence[Outcome]:
-    """Return trials of twice as many nominal messages, as growth may come with any message, and injections add some.
-
-    Args:
-        case: The test case; it has a nominal log.
-        played: Number of messages that it plays.
-        runner: Runner of the trials.
-    """
+    """Return trials of twice as many nominal messages, as growth may come with any message, and injections add some."""
     log = join_logs([case.messages] * (2 * math.ceil(played / len(case.messages))))
-    return runner.run([replace(case, messages=log, injections=(), again=number) for number in range(_CONTROLS)])
+    return runner.run([replace(case, messages=log, injections=(), again=number) for number in range(_FIRST)])
 
 
 def repeat(case: TestCase, signature: str, runner: Runner) -> Proportion:
-    """Return the share of judged fresh trials of a case that fail with a signature.
-
-    Args:
-        case: The test case; its first failing trial does not count, since the case was chosen for it.
-        signature: Signature of the failure.
-        runner: Runner of the trials.
-    """
+    """Return the share of judged fresh trials that fail with a signature; the case was chosen for an earlier one."""
     hits = total = asked = 0
     while asked < CONFIRMATIONS:
         count = _FIRST if not asked else min(CONFIRMATIONS - asked, max(_FIRST, runner.parallelism))
@@ -81,11 +67,6 @@ def repeat_in_order(case: TestCase, signature: str, runner: Runner) -> tuple[Tes
 
     A unit may take a log that is fed as fast as possible in another order, so a failure that depends on the order may
     come and go.
-
-    Args:
-        case: The test case.
-        signature: Signature of the failure.
-        runner: Runner of the trials.
     """
     rate = repeat(case, signature, runner)
     topics = {message.key for message in case.messages}

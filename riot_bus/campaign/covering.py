@@ -57,16 +57,12 @@ class Covering:
     """Choice of the variations to try next, from outcomes so far; equal outcomes in equal order give equal choices.
 
     Args:
-        items: Variations of the log to try.
         positions: For each topic the positions of its messages in the log, ascending.
-        seed: Seed of the choices.
-        situations: Situations of the log: times when a field has one of its few values.
 
     Attributes:
         stretches: Choice of policies on many messages, from variations that passed on single ones.
         novelties: Choice of variations to try because of new behaviour.
         tried: Variations that were delivered in a conclusive trial, and whether they failed alone.
-        total: Number of variations to try.
         nominal_outputs: Number of outputs of a nominal trial: a group after which many are missing is tried in parts.
     """
 
@@ -106,11 +102,7 @@ class Covering:
         self._failed: Counter[object] = Counter()
 
     def next(self, *, calm: bool = False) -> tuple[Placed, ...]:
-        """Return the next variations to try together; nothing when all have been tried or handed out.
-
-        Args:
-            calm: Whether to keep back halves of what hung, and other variations about what alone makes the unit hang.
-        """
+        """Return the next variations to try together; nothing when all have been tried or handed out."""
         if self._halves:
             return self._halves.popleft()
         if self._hanging and not calm:
@@ -239,10 +231,8 @@ class Covering:
     def _place(self, item: Variation, taken: _Taken, firsts: Iterable[int] | None = None) -> Placed | None:
         """Return a variation on free messages, and mark these as taken; None if too few are free.
 
-        Args:
-            item: The variation.
-            taken: Taken messages by topic: spans of their numbers, ascending.
-            firsts: Numbers to try, each for the first message of an occurrence; None to draw them.
+        `taken` are the spans of taken message numbers by topic, ascending; `firsts` the numbers to try, each for the
+        first message of an occurrence, None to draw them.
         """
         count, spans = len(self._positions[item.topic]), taken.setdefault(item.topic, [])
         if firsts is None:

@@ -15,12 +15,10 @@ class Effects:
     Trials without information on what was delivered, such as those of other runners, are left out.
 
     Attributes:
-        injections: Injections of all trials.
         undelivered: Injections that changed no message that was played.
         without_effect: Delivered injections of passing trials whose outputs were those of the nominal trials.
         with_effect: Delivered injections of passing trials with outputs unlike those of all nominal trials.
         untold: Delivered injections of passing trials where outputs differ among nominal trials, too, or are missing.
-        failing: Delivered injections of failing trials.
     """
 
     injections: int = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.targets import family_of, may_change, samples_by_topic, spread
+from riot_bus.campaign.targets import ELEMENTS, MOST_ADDED_BYTES, family_of, may_change, samples_by_topic, spread
 from riot_bus.inject.mutations import Mutation, mutate
 from riot_bus.types.capabilities import DescribesFields, ListsParts, MessagePart
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-_ELEMENTS = 4  # a guess: the first, the last and two between; each multiplies the mutations
-_MOST_PLACES = 16  # four elements in each of two nested arrays
-_MOST_BYTES = 1 << 26  # as in schedule.py: what a change may add to all messages of a trial
+_MOST_PLACES = ELEMENTS**2  # as many elements in each of two nested arrays; each multiplies the mutations
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +56,7 @@ def groups_of(
 ) -> dict[str, dict[str, list[Group]]]:
     """List the mutations that can be made in a log, by topic and by what they contradict.
 
-    Args:
-        messages: The nominal log.
-        registry: Registry of the log's types.
-        dictionary: Dictionary with the mutations.
-        leave: Patterns (`topic:path`, with `*`) of fields to leave alone.
-        include: Patterns of brittle fields, and of fields of `opt_in` mutations, to include.
+    Fields that match `leave` are left alone; brittle ones and those of `opt_in` mutations have to match `include`.
 
     Raises:
         ConfigError: A mutation of the user's names a field that its type does not have.
@@ -81,7 +74,7 @@ def groups_of(
                             continue
                         growth = _growth(mutation, base, kind, payloads)
                         if growth is not None:
-                            most = max(1, min(count, _MOST_BYTES // max(1, growth)))
+                            most = max(1, min(count, MOST_ADDED_BYTES // max(1, growth)))
                             family = f"{mutation.source} at {part.path}"
                             group = Group(topic, base, mutation, count, most)
                             groups.setdefault(topic, {}).setdefault(family, []).append(group)
@@ -131,7 +124,7 @@ def _places(path: str, kind: MessageType, payloads: Sequence[bytes]) -> Iterator
             yield each
             continue
         length = max((_length(kind, payload, head) for payload in payloads), default=0)
-        pending += [f"{head}[{index}]{tail}" for index in spread(length, _ELEMENTS)]
+        pending += [f"{head}[{index}]{tail}" for index in spread(length, ELEMENTS)]
 
 
 def _length(kind: MessageType, payload: bytes, path: str) -> int:

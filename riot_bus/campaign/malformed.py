@@ -25,8 +25,6 @@ _LONG = 1000
 """Added elements of a long array: more than most buffers hold, though each may have kilobytes."""
 _NULL = (("null", True),)
 _LIST, _MAP = (("empty", "list"),), (("empty", "map"),)
-_KEEP = (0.5, 0.0)
-"""Shares of a payload that are kept; of a single byte, nothing is left in both cases."""
 
 
 def malformations(
@@ -38,11 +36,7 @@ def malformations(
     fields, each field, list and map is missing, null and of another type. All stamps of a message are those of the
     topic's first message, or of its last one. Of an array's elements, only the first is changed.
 
-    Args:
-        messages: The log.
-        registry: Registry of the log's types.
-        leave: Patterns (`topic:path`) of fields to leave alone; topics without any other field are left alone, too.
-        include: Patterns of brittle fields to include.
+    Topics none of whose fields may be changed are left alone, too.
     """
     found = []
     longest = Counter[str]()
@@ -77,7 +71,7 @@ def malformations(
             injections = tuple(Injection(topic, path, value) for path, value in each.items())
             found.append(Variation(topic, injections, f"{topic} stamps", 1, count // 2))
         most = 0 if any_names(leave, topic, "") else longest[topic]
-        sizes = {int(keep * most): Injection(topic, fault="truncate", options=(("keep", keep),)) for keep in _KEEP}
+        sizes = {int(keep * most): Injection(topic, fault="truncate", options=(("keep", keep),)) for keep in (0.5, 0.0)}
         found += [Variation(topic, (each,), f"{topic} truncate") for size, each in sizes.items() if size < most]
     return found
 

@@ -39,7 +39,6 @@ class _Pursuit:
     Attributes:
         shown: The new behaviour; a part shows it if it shows some of it.
         parts: Generator of parts to try, to which is sent whether they show it.
-        part: The part to try now.
     """
 
     shown: _Shown
@@ -50,9 +49,6 @@ class _Pursuit:
 
 class Novelties:
     """Choice of variations to try because of new behaviour; equal outcomes in equal order give equal choices.
-
-    Args:
-        seed: Seed of the choices.
 
     Attributes:
         kept: Groups of variations that caused new behaviour, those of several variations on the same messages as then.

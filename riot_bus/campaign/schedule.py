@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.targets import Target, any_names, family_of
+from riot_bus.campaign.targets import MOST_ADDED_BYTES, Target, any_names, family_of
 from riot_bus.campaign.variations import Variation, moves_of
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
@@ -23,14 +23,10 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-_POLICIES = (1, 2, 3)
-_FIELDS = (1, 1, 2, 3)
 _GROUPED = 0.3
 """Share of the policies that are mutations, on topics that have some."""
 _SOME, _BURST = 0.25, 20
 """Share of a topic's messages that is missing at the start; number of copies in a burst."""
-_MOST_BYTES = 1 << 26
-"""Most bytes that long values may add to all messages of a trial."""
 
 
 class Schedule:
@@ -38,12 +34,7 @@ class Schedule:
 
     Args:
         targets: Fields by topic, from `targets_of`; all elements of an array together weigh as much as one field.
-        dictionary: Dictionary of exceptional values.
-        seed: Seed of the campaign.
         groups: Mutations by topic and family, from `groups_of`; each family has the same weight.
-
-    Attributes:
-        types: Types of the fields, by topic and path.
 
     Raises:
         ConfigError: Nothing can be injected.
@@ -58,6 +49,7 @@ class Schedule:
         groups: Mapping[str, Mapping[str, Sequence[Group]]] | None = None,
     ) -> None:
         self._dictionary = dictionary
+        # by topic and path
         self.types = {(topic, each.path): each.type for topic, fields in targets.items() for each in fields}
         self._families: dict[str, dict[str, list[Target]]] = {}
         for topic, fields in targets.items():
@@ -80,8 +72,7 @@ class Schedule:
         Several policies find more per trial; minimisation later shows which of them mattered.
         """
         draw = random.Random(f"{self._seed}:{trial}")  # noqa: S311
-        policies = draw.choice(_POLICIES)
-        return tuple(injection for _ in range(policies) for injection in self._policy(draw))
+        return tuple(injection for _ in range(draw.choice((1, 2, 3))) for injection in self._policy(draw))
 
     def items(self) -> list[Variation]:
         """Return each value of each field, and each mutation, as variations to try once.
@@ -99,7 +90,7 @@ class Schedule:
                     at = number % len(targets)
                     if number < len(known[at]):
                         value = known[at][number].value
-                        most = _MOST_BYTES // max(1, len(value)) if isinstance(value, str | bytes) else None
+                        most = MOST_ADDED_BYTES // max(1, len(value)) if isinstance(value, str | bytes) else None
                         elements = targets[at].elements if alike and repr(value) in common else ()
                         path = draw.choice(elements) if elements else targets[at].path
                         injection = Injection(topic, path, value, seed=self._seed)
@@ -123,7 +114,7 @@ class Schedule:
             group = draw.choice(groups[draw.choice(sorted(groups))])
             first, last = _stretch(draw, group.messages, group.most)
             return group.injections(first, last, seed=self._seed)
-        names = draw.sample(sorted(families), min(len(families), draw.choice(_FIELDS)))
+        names = draw.sample(sorted(families), min(len(families), draw.choice((1, 1, 2, 3))))
         chosen = [draw.choice(families[name]) for name in names]
         first, last = _stretch(draw, chosen[0].messages)
         return [
@@ -150,10 +141,7 @@ def message_faults(
     Single messages and a few in a row are dropped, those at the start are missing; a message comes twice, or in a
     burst, or later or earlier (`moves_of`).
 
-    Args:
-        messages: The log.
-        registry: Registry that names topics.
-        leave: Patterns (`topic:path`) of fields to leave alone; topics without any other field are left alone, too.
+    Topics none of whose fields may be changed, as of `leave`, are left alone.
     """
     found = []
     times, places = [message.time for message in messages], positions_of(messages, registry)

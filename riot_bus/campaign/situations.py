@@ -36,8 +36,6 @@ class Situation:
     """The time while a field has a value, by the last message of its topic.
 
     Attributes:
-        topic: Topic of the field.
-        path: Path of the field.
         windows: Stretches of the log in which it has the value.
         where: Predicate for messages of the topic itself; empty if there is none.
     """
@@ -52,10 +50,6 @@ def situations_of(messages: Sequence[Message], registry: TypeRegistry) -> list[S
     """Return the situations of a log: one for each value of each field with few values.
 
     Truth values, integers and short texts count; stamps, message numbers and the like, and elements of arrays do not.
-
-    Args:
-        messages: The log.
-        registry: Registry of its types.
     """
     found: list[Situation] = []
     for topic, positions in sorted(positions_of(messages, registry).items()):

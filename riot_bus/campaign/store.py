@@ -56,9 +56,6 @@ class TrialStore:
     The file is in WAL mode, which needs a local disk. Each outcome is one statement, so an interruption leaves all of
     it or nothing.
 
-    Args:
-        path: Path of the file, which is created if it does not exist.
-
     Raises:
         EnvironmentFaultError: The file is not such a store, or is locked for a minute.
         ConfigError: A link in its folder leads out of that.
@@ -92,10 +89,8 @@ class TrialStore:
     def put(self, key: str, outcome: Outcome, case: TestCase | None = None) -> None:
         """Write an outcome to the file before returning; a full disk leaves no partial outcome.
 
-        Args:
-            key: Key of the test case and of all else that decides its outcome.
-            outcome: The outcome.
-            case: The test case; `tried` returns it if it has injections.
+        The key is that of the test case and of all else that decides its outcome. `tried` returns a case with
+        injections.
 
         Raises:
             OSError: The disk is full.
@@ -106,12 +101,7 @@ class TrialStore:
     def tried(
         self, scope: Mapping[str, object], log: Sequence[Message]
     ) -> Iterator[tuple[list[dict[str, Any]], int, Outcome]]:
-        """Yield the rows of the injections, the seed and the outcome of each injected trial of a log.
-
-        Args:
-            scope: Scope of the `StoredRunner` of the trials.
-            log: The log.
-        """
+        """Yield the rows of the injections, the seed and the outcome of each injected trial of a log."""
         begin, wanted = f"{_text(scope)}|", _identity(log)
         with self._lock, _told(self.path):
             rows = self._database.execute(_TRIED, (begin, begin)).fetchall()
@@ -144,9 +134,6 @@ def stored_trials(path: Path) -> list[dict[str, object]]:
     """Return one row per trial of a store, without observations, in the order in which the trials ended.
 
     Nothing is written. A trial that is executed again gets a new number.
-
-    Args:
-        path: Path of the store; if it does not exist or is empty, there are no rows.
 
     Raises:
         EnvironmentFaultError: The file is not such a store.
@@ -235,7 +222,6 @@ class StoredRunner:
 
     Args:
         runner: Runner of trials that are not in the store.
-        store: Store of outcomes.
         scope: Everything besides the test case that decides an outcome (system, unit, what is observed).
         told: Function that is called with each outcome.
         unjudged: Whether a case that cannot be judged has an outcome like any other; else it is an error.

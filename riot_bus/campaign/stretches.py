@@ -34,8 +34,6 @@ class Stretches:
 
     Args:
         positions: For each topic the positions of its messages in the log, ascending.
-        situations: Situations of the log: times when a field has one of its few values.
-        seed: Seed of the choices.
     """
 
     def __init__(

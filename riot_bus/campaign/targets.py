@@ -27,8 +27,10 @@ _PLACES = 64
 _INDEX = re.compile(r"\[(\d+)\]")
 _OBSERVED = 200
 """Messages of a topic that are read for limits: enough for these, and a second at most for large messages."""
-_WORDS = _OTHERS = 4
+_OTHERS = 4
 """Number of texts of the field itself, and of values of other fields of its message, that are tried."""
+MOST_ADDED_BYTES = 1 << 26
+"""Most bytes that a change may add to all messages of a trial."""
 _LONG = 4096
 """Texts of this length or longer are not tried elsewhere: each test case would hold them."""
 
@@ -69,11 +71,7 @@ def targets_of(
 ) -> dict[str, list[Target]]:
     """List the fields of a log that injections may change, by topic.
 
-    Args:
-        messages: The nominal log.
-        registry: Registry of the log's types.
-        leave: Patterns (`topic:path`, with `*`) of fields to leave alone.
-        include: Patterns of brittle fields (stamps, sequence numbers, frame ids) to include.
+    Those that match `leave` are left out, and so are stamps, sequence numbers and frame ids that match no `include`.
     """
     targets: dict[str, list[Target]] = {}
     for topic, (count, samples) in samples_by_topic(messages, registry).items():
@@ -121,14 +119,7 @@ def spread(length: int, most: int) -> list[int]:
 
 
 def _elements(kind: MessageType, payload: bytes, path: str, lengths: dict[str, int]) -> list[str]:
-    """Return paths of elements evenly spaced over the arrays of a path; none if it has no array.
-
-    Args:
-        kind: Type of the payload.
-        payload: Payload of a message.
-        path: Path of a field.
-        lengths: Known lengths of arrays, to which others are added.
-    """
+    """Return paths of elements evenly spaced over the arrays of a path; none if it has no array."""
     arrays = [path[: each.start()] for each in _INDEX.finditer(path)]
     if not arrays:
         return []
@@ -175,13 +166,7 @@ def may_change(
 ) -> bool:
     """Return whether a field may be injected.
 
-    Args:
-        topic: Topic of the field.
-        path: Path of the field.
-        leave: Patterns of fields to leave alone.
-        include: Patterns of fields to include.
-        kind: Type of its messages.
-        asked: Whether it must be in `include`, brittle or not.
+    If it is `asked`, it must be in `include`, brittle or not.
     """
     if any_names(leave, topic, path):
         return False
@@ -197,13 +182,7 @@ def any_names(patterns: Sequence[str], topic: str, path: str) -> bool:
 def with_observed(
     targets: Mapping[str, Sequence[Target]], messages: Sequence[Message], registry: TypeRegistry
 ) -> dict[str, list[Target]]:
-    """Return the targets with the values that the log suggests added to those from their definitions.
-
-    Args:
-        targets: Targets by topic, from `targets_of`.
-        messages: The nominal log.
-        registry: Registry of the log's types.
-    """
+    """Return the targets with the values that the log suggests added to those from their definitions."""
     found = {}
     for topic, (_, samples) in samples_by_topic(messages, registry, most=_OBSERVED).items():
         if topic in targets:
@@ -221,7 +200,7 @@ def _values(target: Target, rows: Iterable[Mapping[str, tuple[str, Scalar]]]) ->
             others |= {value: None for path, (kind, value) in row.items() if kind == target.type and path[:4] != "len("}
     if target.type in ("string", "bytes"):
         texts = [each for each in own if isinstance(each, str | bytes) and len(each) < _LONG and len(own) > 1]
-        yield from (SuggestedValue(each, "another message has it") for each in texts[:_WORDS])
+        yield from (SuggestedValue(each, "another message has it") for each in texts[:_OTHERS])
     elif target.type != "bool" and own:
         numbers = [value for value in own if isinstance(value, int | float) and value - value == 0]
         low, high = min(numbers, default=0), max(numbers, default=0)

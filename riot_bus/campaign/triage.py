@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 Types = Mapping[tuple[str, str], str]
 
 _SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort", "limit": "abort"}
-_MOST_DETAILS = 5
-_MOST_OTHERS = 8
 _MINED_ALARMS = 0.01
 """Share of nominal trials in which mined rules may fire by chance (docs/verdicts.md)."""
 
@@ -30,15 +28,10 @@ class Failure:
 
     Attributes:
         case: The simplest case that was repeated, or the simplest one if none was.
-        trial: Number of its trial.
-        outcome: Outcome of that trial.
         occurrences: Number of trials of the campaign that failed this way.
         rate: Rate of this failure in fresh trials of the case; None while there were none.
         nominal: Rate of this failure in trials of the nominal log.
-        details: Details of the failures, each once.
         simpler: A simpler case that failed this way later, with its trial and outcome.
-        others: Some other cases that failed this way.
-        types: Types of the fields that injections change.
     """
 
     violation: Violation
@@ -86,11 +79,6 @@ def complexity(injections: Iterable[Injection], modified: int, types: Types) -> 
     """Return how hard a case is to explain, as a key that sorts the simplest case first.
 
     A rule is about values of fields; values that are not numbers have no limits, and truncated payloads have no fields.
-
-    Args:
-        injections: Injections of the case.
-        modified: Number of messages that they changed.
-        types: Types of fields, by topic and path.
     """
     return max((_strangeness(each, types) for each in injections), default=0), modified
 
@@ -155,10 +143,10 @@ def group(failures: dict[str, Failure], case: TestCase, outcome: Outcome, *, tri
             known.simpler = case, trial, outcome
         elif is_simpler:
             known.represent_by(case, trial, outcome)
-        elif len(known.others) < _MOST_OTHERS:
+        elif len(known.others) < 8:
             known.others.append(case)
         known.occurrences += 1
-        if violation.detail not in known.details and len(known.details) < _MOST_DETAILS:
+        if violation.detail not in known.details and len(known.details) < 5:
             known.details.append(violation.detail)
         found.append(known)
     return found

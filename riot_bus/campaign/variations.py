@@ -21,7 +21,6 @@ class Moves:
     """One way to move messages of a topic.
 
     Attributes:
-        topic: The topic.
         way: Number of later messages of its topic that each comes after; 0 if it comes after the next message of
             another topic; -1 if it comes before the last message that each other topic had until then.
         times: Times of all messages of the log, nanoseconds, ascending.
@@ -73,11 +72,8 @@ def moves_of(
     A message comes after the next one of its topic, after a later one, after the next one of another topic, or before
     the last one of each other topic.
 
-    Args:
-        topic: The topic.
-        times: Times of all messages of the log, nanoseconds, ascending.
-        positions: For each topic the positions of its messages in the log, ascending.
-        still: Topics whose messages are not delayed.
+    `times` are those of all messages of the log, nanoseconds, and `positions` those of the messages of each topic, both
+    ascending. Messages of the topics in `still` are not delayed.
     """
     own, rest = positions[topic], [name for name in positions if name != topic]
     others = sorted((name for name in rest if name not in still), key=lambda name: len(positions[name]))
@@ -94,7 +90,6 @@ class Variation:
     """One change to try, on messages that are still to be chosen.
 
     Attributes:
-        topic: Topic of the messages.
         injections: Injections into them.
         about: Name of what it changes, such as `topic:field`; variations about the same thing may fail in the same way.
         span: Number of consecutive messages that it takes.

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.chain.base.workspace import NOMINAL, Workspace
 from riot_bus.chain.steps.reproduce import Answer, Reproduction, play_again
@@ -23,13 +23,11 @@ from riot_bus.findings.records import FindingRecord
 from riot_bus.findings.steps import STEPS
 from riot_bus.given_files import leads_out
 from riot_bus.report.campaign_view import CampaignView, load_campaign
+from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean
 from riot_bus.system.system_file import read_system
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError, MissingExtraError
-
-if TYPE_CHECKING:
-    from riot_bus.report.finding_view import FindingView
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +35,8 @@ class UnitResult:
     """Result of `riot ci change` or `riot ci batch` for one unit.
 
     Attributes:
-        view: Campaign and findings of the unit, compared with the baseline.
         undecided: Reasons why the result is inconclusive, a text each: earlier findings whose replays do not decide
             whether they still fail, and replays or trials for which there was no time.
-        untested: Reason why the unit was not tested, or not to the end; empty if it was.
     """
 
     unit: str
@@ -118,26 +114,13 @@ class CiResult:
 Opened = Callable[[str, Path], AbstractContextManager["Workspace"]]
 """Function that opens a unit's workspace in its folder."""
 
-_REPLAYS, _CAMPAIGN = 0.5, 0.7
-"""Shares of a unit's time after which no more known findings are replayed, and after which no more trials of a campaign
-begin if findings are to be explained."""
-_TITLE = 300  # titles have up to 20,000 characters, a line shows one
 _UNIT_STEPS = tuple(step for step in STEPS[1:] if not step.whole_system)
 _TAKEN = {"findings", "trials"}
-_EARLIER = 3
-"""Number of earlier versions of a finding that are kept."""
 
 
 @dataclass(frozen=True, slots=True)
 class CiPlan:
-    """How all units are tested.
-
-    Attributes:
-        minutes: Time for all of them.
-        stop_early: Whether a unit's test ends at its first finding that counts.
-        explain: Whether the remaining time is used to explain findings.
-        trials: Largest number of injected trials of each unit; None for as many as there is time for.
-    """
+    """How all units are tested."""
 
     minutes: float
     stop_early: bool
@@ -156,14 +139,6 @@ def run_ci(
 ) -> CiResult:
     """Test units one after the other, each in a folder of its own, for equal shares of the remaining time.
 
-    Args:
-        units: Names of the units.
-        opened: Function that opens the workspace of a unit.
-        out: Folder that contains the folders of all units.
-        known: The baseline.
-        plan: Time and trials, and what follows a finding.
-        now: Function that returns the time, in seconds.
-
     Raises:
         ConfigError: A file that people wrote cannot be used; a failing environment is a result, no error.
     """
@@ -177,7 +152,7 @@ def run_ci(
 
 def short(text: str) -> str:
     """Return a title, or why something is so, in the length of a line."""
-    return clean(text, limit=_TITLE)
+    return clean(text, limit=300)
 
 
 def units_of(system: Path, names: Sequence[str]) -> list[str]:
@@ -222,7 +197,7 @@ def _tidy(workspace: Workspace) -> None:
             continue
         aside = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink()]
         aside.sort(key=lambda path: path.stat().st_mtime)
-        for path in aside[:-_EARLIER]:
+        for path in aside[:-3]:
             shutil.rmtree(path)
 
 
@@ -281,7 +256,7 @@ class _UnitRun:
         workspace.runners.baseline(self.unit, lambda: log)  # otherwise it would take time of the campaign
         self._play_known(workspace)
         begin, until = self.time
-        end = begin + (until - begin) * _CAMPAIGN if self.plan.explain else until
+        end = begin + (until - begin) * 0.7 if self.plan.explain else until
         reason = "the time was over before" if self.now() >= end else ""
         self.undecided += ["no injected trial: the time was over before"] if reason else []
         seconds = max(end - self.now(), 0.1)
@@ -322,7 +297,7 @@ class _UnitRun:
         left = self._play_all(workspace, [*(each for each in known if each[1].fixed), *others], until)
         if left:
             self.undecided.append(f"there was no time to play {counted(left, 'earlier finding')} again")
-        self._play_all(workspace, [each for each in known if not each[1].fixed], begin + (until - begin) * _REPLAYS)
+        self._play_all(workspace, [each for each in known if not each[1].fixed], begin + (until - begin) * 0.5)
 
     def _play_all(
         self, workspace: Workspace, some: Sequence[tuple[Path | None, KnownFinding | None]], end: float

@@ -23,8 +23,6 @@ from riot_bus.report.format import clean
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 
-_GIT_S = 10  # generous: it reads a few small files, but network folders may hang
-
 
 def moment(folder: Path, *, environment: Mapping[str, str] = os.environ) -> str:
     """Return the current date, and the commit of the repository that contains a folder, if there is one."""
@@ -33,7 +31,7 @@ def moment(folder: Path, *, environment: Mapping[str, str] = os.environ) -> str:
     if not commit and git:
         line = [git, "-C", str(folder), "rev-parse", "HEAD"]
         with suppress(subprocess.SubprocessError):
-            commit = subprocess.run(line, capture_output=True, text=True, timeout=_GIT_S, check=True).stdout.strip()
+            commit = subprocess.run(line, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
     return " ".join([datetime.now(UTC).date().isoformat(), *([clean(commit[:12])] if commit else [])])
 
 
@@ -76,10 +74,6 @@ def accept(
     """Return a baseline with findings added, and lines on what has changed; entries keep what people wrote.
 
     Args:
-        known: The baseline.
-        folders: Folders of the findings.
-        since: Text of new entries on when they were added.
-        note: Note of the entries; None to leave notes unchanged.
         keep: Folder, beside or below the baseline, for the files to replay the findings; None for none.
         reopen: Whether entries that are marked as fixed lose this mark.
 
@@ -130,11 +124,7 @@ class PrunedFinding:
 
 @dataclass(frozen=True, slots=True)
 class PruneResult:
-    """Results of the replays of findings of the baseline, and the updated baseline.
-
-    Attributes:
-        left_out: Units with known findings that were not replayed.
-    """
+    """Results of the replays of findings of the baseline, and the updated baseline."""
 
     asked: tuple[PrunedFinding, ...]
     known: KnownFindings
@@ -169,13 +159,6 @@ def prune(units: Sequence[str], opened: Opened, *, out: Path, known: KnownFindin
     """Replay the log of each known finding to fresh components, and mark findings that no longer fail as fixed.
 
     Marked findings stay marked, and are still replayed, also by `riot ci change`.
-
-    Args:
-        units: Units whose findings are replayed.
-        opened: Function that opens the workspace of a unit.
-        out: Folder that contains the units' folders.
-        known: The baseline.
-        when: Text of entries on when they were fixed.
     """
     asked, fixed = list[PrunedFinding](), list[KnownFinding]()
     for unit in units:

@@ -15,12 +15,6 @@ _SIGNS = {"github": ".github", "gitlab": ".gitlab-ci.yml"}
 def init_ci(folder: Path, *, github: bool = False, gitlab: bool = False, force: bool = False) -> list[str]:
     """Write the requested workflows, or those that the repository suggests; return what was done and the next steps.
 
-    Args:
-        folder: Root of the repository.
-        github: Whether to write the workflow for GitHub.
-        gitlab: Whether to write the workflow for GitLab.
-        force: Whether to replace existing files.
-
     Raises:
         ConfigError: No workflow is requested or suggested, or a file exists already or cannot be written.
     """

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from riot_bus.campaign.triage import finding_id, severity
 from riot_bus.chain.base.logs import FailingLog
 from riot_bus.chain.base.workspace import NOMINAL, Workspace
+from riot_bus.chain.steps.reproduce import Reproduction
 from riot_bus.chain.steps.robustness import keep_evidence, put_aside
 from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord, shortest_log
 from riot_bus.given_files import given_file
@@ -17,11 +18,6 @@ from riot_bus.report.formats import write_file
 from riot_bus.report.regression import write_regression_test, write_reproduce
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.trial import TestCase, Violation
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from riot_bus.chain.steps.reproduce import Reproduction
 
 LARGEST = 8 << 20
 """Most bytes of a log that is kept in a user's repository."""
@@ -33,10 +29,6 @@ def keep_finding(folder: Path, into: Path) -> Path | None:
 
     The folder `into` is then like an output folder, without references to the original one. The nominal run is copied
     with a finding that is judged by nominal trials, unless there is one already or it is too large.
-
-    Args:
-        folder: Folder of the finding.
-        into: Target folder, beside the system's code.
     """
     record, log = FindingRecord.load(folder), shortest_log(folder)
     if not log.is_file() or log.stat().st_size > LARGEST:
@@ -64,9 +56,6 @@ def take_up(
     Results from other versions of the code are put aside.
 
     Args:
-        workspace: The system, its output folder and its slots.
-        source: Folder of the finding that was replayed.
-        found: Result of the replay.
         other: Violation of the log, if it fails in another way than before.
         evidence: Whether to repeat it until it leaves evidence.
     """

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from riot_bus.cli.declared import declared
 from riot_bus.cli.fastpath import warn
@@ -47,25 +46,11 @@ Keep = Annotated[
 ]
 
 
-class _Group(TyperGroup):
-    """The commands; each is made when it is named, since making all takes longer than `riot --help` may take."""
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        return [command.__name__ for command in _COMMANDS]
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        app = typer.Typer(add_completion=False, rich_markup_mode=None)
-        for command in _COMMANDS:
-            if command.__name__ == cmd_name:
-                app.command()(command)
-                return typer.main.get_command(app)
-        return None
-
-
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
-    group = typer.Typer(cls=_Group, no_args_is_help=True)
-    group.callback()(lambda: None)
+    group = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+    for command in (change, batch, prune, accept, init):
+        group.command()(command)
     app.add_typer(group, name="ci", help="Test a repository: each change, each night, and which findings are fixed.")
 
 
@@ -192,9 +177,6 @@ def init(
     from riot_bus.ci.ci_init import init_ci
 
     print_lines(init_ci(folder, github=github, gitlab=gitlab, force=force))
-
-
-_COMMANDS: tuple[Callable[..., None], ...] = (change, batch, prune, accept, init)
 
 
 def _opened(

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, is_dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field
 from functools import update_wrapper
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import typer
 
-from riot_bus.vocabulary.flags import flags_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from dataclasses import Field
-
-    from riot_bus.vocabulary.flags import Flag
+from riot_bus.vocabulary.flags import Flag, flags_of
 
 CommandT = TypeVar("CommandT", bound="Callable[..., None]")
 OptionsT = TypeVar("OptionsT")
@@ -38,58 +32,23 @@ def declared(kind: type, *only: str, before: str = "form", remote: bool = False)
         ]
 
         def run(**values: Any) -> None:
-            command(**_read(flags, values))
+            command(**read_options(flags, values))
 
         parameters = inspect.signature(command, eval_str=True).parameters.values()
         own = [each for each in parameters if each.kind is not inspect.Parameter.VAR_KEYWORD]
         place = next((place for place, each in enumerate(own) if each.name == before), len(own))
-        own[place:place] = [_parameter(*each) for each in flags]
-        return _shown_as(command, run, own)
+        own[place:place] = [parameter_of(*each) for each in flags]
+        return shown_as(command, run, own)
 
     return decorate
 
 
-def with_options(command: CommandT, known: Mapping[str, Any]) -> CommandT:
-    """Give a command the options of each dataclass that is the type of one of its parameters.
-
-    Args:
-        command: The command.
-        known: Annotations that replace the command's own, by the name of the parameter.
-    """
-    parameters: list[inspect.Parameter] = []
-    kinds: dict[str, type] = {}
-    for each in inspect.signature(command, eval_str=True).parameters.values():
-        if is_dataclass(each.annotation):
-            kinds[each.name] = each.annotation  # type: ignore[assignment]  # no instance
-            parameters += [_parameter(*flag) for flag in flags_of(kinds[each.name])]
-        else:
-            parameters.append(each.replace(annotation=known.get(each.name, each.annotation)))
-
-    def run(**values: Any) -> None:
-        for name, kind in kinds.items():
-            values[name] = options_of(kind, _read(flags_of(kind), values))
-        command(**values)
-
-    return _shown_as(command, run, parameters)
-
-
-def annotation_of(kind: type, name: str) -> Any:
-    """Return the annotation by which typer knows an option of a dataclass."""
-    return next(_parameter(*each).annotation for each in flags_of(kind) if each[0].name == name)
-
-
 def options_of(kind: type[OptionsT], given: dict[str, Any], **more: Any) -> OptionsT:
-    """Return the options of a dataclass that are among `given`, and remove them there; the others are left.
-
-    Args:
-        kind: The dataclass.
-        given: Values of the options of several dataclasses.
-        more: Values of further fields.
-    """
+    """Return the options of a dataclass that are among `given`, and remove them there; the others are left."""
     return kind(**more, **{field.name: given.pop(field.name) for field, _, _ in flags_of(kind) if field.name in given})
 
 
-def _read(flags: Sequence[tuple[Field[Any], Flag, list[str]]], values: dict[str, Any]) -> dict[str, Any]:
+def read_options(flags: Sequence[tuple[Field[Any], Flag, list[str]]], values: dict[str, Any]) -> dict[str, Any]:
     """Return the values of a command line; of these options, only those with a value, read from the user's text."""
     for field, flag, names in flags:
         value = values.pop(field.name)
@@ -98,14 +57,15 @@ def _read(flags: Sequence[tuple[Field[Any], Flag, list[str]]], values: dict[str,
     return values
 
 
-def _shown_as(command: CommandT, run: Callable[..., None], parameters: Sequence[inspect.Parameter]) -> CommandT:
+def shown_as(command: CommandT, run: Callable[..., None], parameters: Sequence[inspect.Parameter]) -> CommandT:
     """Return `run` as a command with the name and help of another one."""
     update_wrapper(run, command)
     vars(run).update(__signature__=inspect.Signature(parameters), __annotations__={})
     return run  # type: ignore[return-value]  # for typer, it has other parameters
 
 
-def _parameter(field: Field[Any], flag: Flag, names: list[str]) -> inspect.Parameter:
+def parameter_of(field: Field[Any], flag: Flag, names: list[str]) -> inspect.Parameter:
+    """Return an option of a dataclass as a parameter that typer reads."""
     kind, default = get_args(field.type)[0], None if field.default is MISSING else field.default
     many = next((each for each in (kind, *get_args(kind)) if get_origin(each) in (Sequence, Mapping)), None)
     if many is not None:  # repeatable; a table is read from its rows

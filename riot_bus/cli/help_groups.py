@@ -1,13 +1,16 @@
-"""The groups in which `riot --help` lists the commands.
+"""What `riot` itself takes and shows: its options, and the groups in which `riot --help` lists the commands.
 
 A command of another package names its group by typer's `rich_help_panel`.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
+import typer
 from typer.core import TyperGroup
+
+from riot_bus import __version__
 
 START = "Start here"
 EXPLAIN = "Find and explain"
@@ -43,3 +46,18 @@ class GroupedCommands(TyperGroup):
 
 def _sentence(text: str) -> str:
     return " ".join(text.split("\n\n")[0].split()).partition(". ")[0].rstrip(".")
+
+
+def _version(value: bool) -> None:  # noqa: FBT001 - called by typer
+    if value:
+        typer.echo(f"riot_bus {__version__}")
+        raise typer.Exit
+
+
+def options(
+    *,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Robustness Inside-Out Testing on a message bus."""

@@ -46,7 +46,8 @@ def init(
 
     Without --ros2, --mavlink or --link it describes a plain Zenoh system: what is connected to a router.
     """
-    from riot_bus.draft.init import init_links, init_plain, init_plain_log, init_ros2
+    from riot_bus.draft.init import init_links, init_log, init_network, init_nodes
+    from riot_bus.draft.writing import draft_lines, written_line
     from riot_bus.vocabulary.errors import ConfigError
 
     config: dict[str, Any] = {}
@@ -69,36 +70,7 @@ def init(
             hint = "write ADAPTER=URL, such as mavlink=udpin:0.0.0.0:14550, with one adapter for all links"
             raise ConfigError(f"cannot listen to {', '.join(heard)}", where="riot init --link", hint=hint)
         system, file = init_links(options, adapters.pop(), links, warn=warn), str(options.out)
-        print_result(form, {"file": file, **system.facts}, [*system.lines, _written(file)])
-    elif ros2:
-        found = init_ros2(options)
-        print_result(form, found, _lines(found))
-    else:
-        found = init_plain(options) if log is None else init_plain_log(options, log)
-        print_result(form, found, _plain_lines(found))
-
-
-def _written(file: str) -> str:
-    return f"written: {file}; next, fill in what it marks with FILL IN, above all the commands"
-
-
-def _plain_lines(found: dict[str, Any]) -> list[str]:
-    from riot_bus.draft.scaffold import draft_lines
-
-    return [*draft_lines(found), f"written: {found['file']}"]
-
-
-def _lines(found: dict[str, Any]) -> list[str]:
-    parts = found["components"]
-    width = max(len(part["name"]) for part in parts)
-    lines = [
-        f"{part['name']:{width}}  {part['segment']:7}  {len(part['inputs'])} in, {len(part['outputs'])} out"
-        for part in parts
-    ]
-    external = ", ".join(found["external"]) or "none found"
-    lines.append(f"external topics: {external}")
-    if found["unknown_types"]:
-        lines.append(f"types without a definition here: {', '.join(found['unknown_types'])}")
-    if found["skipped"]:
-        lines.append(f"{found['skipped']} announcements were too many to look at")
-    return [*lines, _written(found["file"])]
+        print_result(form, {"file": file, **system.facts}, [*system.lines, written_line(file)])
+        return
+    found = init_log(options, log) if log is not None else init_nodes(options) if ros2 else init_network(options)
+    print_result(form, found, draft_lines(found))

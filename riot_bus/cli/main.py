@@ -21,25 +21,23 @@ from riot_bus.vocabulary.redaction import escape_control_chars, redacted, withou
 if TYPE_CHECKING:
     import typer
 
-_END_S, _STDERR = 30.0, 2  # generous, not measured: what still runs then is taken to hang; a file descriptor
+
+_END_S = 30.0  # generous, not measured: what still runs then is taken to hang
 
 COMMANDS = {
     "chain": ("test", "demo", *(step.name for step in STEPS[1:]), "analyze", "reproduce", "step"),
     "ci": ("ci",),
-    "reports": ("report", "findings", "trials", "compare", "predict"),
-    "guard": ("guard",),
+    "reports": ("report", "findings", "trials", "compare", "predict", "guard"),
     "logs": ("info", "types", "show"),
     "play": ("play",),
     "record": ("record",),
-    "router": ("router",),
-    "segment_exec": ("exec",),
-    "ctl": ("ctl",),
-    "graph": ("graph",),
+    "router": ("exec", "router"),
+    "ctl": ("graph", "ctl"),
     "init": ("init",),
     "dictionaries": ("dict",),
     "doctor": ("doctor", "interceptors"),
 }
-"""The commands of each module of this package. They are listed here, since looking for entry points takes 0.04 s."""
+"""The commands of each module of this package."""
 
 
 def make_app(command: str | None = None) -> typer.Typer:
@@ -49,8 +47,7 @@ def make_app(command: str | None = None) -> typer.Typer:
     """
     import typer
 
-    from riot_bus.cli.help_groups import GroupedCommands
-    from riot_bus.cli.root import options
+    from riot_bus.cli.help_groups import GroupedCommands, options
 
     app = typer.Typer(
         name="riot",
@@ -136,5 +133,5 @@ def run() -> None:
         warn(f"riot: {escape_control_chars(str(error))}; make room and run the same command again to go on")
         sys.exit(EnvironmentFaultError.exit_code)
     finally:
-        # Python waits for remaining threads, such as those of a user's interceptor; we end without them.
-        faulthandler.dump_traceback_later(_END_S, exit=True, file=_STDERR)
+        # Python waits for remaining threads, such as those of a user's interceptor; what hangs for so long ends.
+        faulthandler.dump_traceback_later(_END_S, exit=True, file=2)

@@ -47,23 +47,8 @@ def bar(title: str) -> Iterator[Callable[[int, int], None] | None]:
         yield lambda done, total: shown.update(task, completed=done, total=max(total, 1))
 
 
-@contextmanager
-def step_progress(step: str) -> Iterator[Callable[[int, int | None, str], None]]:
-    """Show the progress of one step on stderr; yield a function of the parts done, of all, and the current work."""
-    from rich.console import Console
-
-    with ConsoleNarrator(Console(stderr=True)) as narrator:
-        narrator(StepStarted(step))
-        yield lambda done, total, note: narrator(StepProgress(step, done, total, note))
-
-
 class ConsoleNarrator:
-    """A listener that shows events on stderr (or wherever diagnostics go); a context manager.
-
-    Args:
-        console: The console that is written to.
-        now: Clock that returns the time in seconds.
-    """
+    """A listener that shows events on stderr (or wherever diagnostics go); a context manager."""
 
     def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
         self._console = console

@@ -100,12 +100,3 @@ ToleranceFile = Annotated[
     ),
 ]
 Finding = Annotated[Path, typer.Argument(help="Folder of a finding, or an output folder that holds just one.")]
-CatalogueFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--catalogue",
-        metavar="FILE",
-        envvar="RIOT_CATALOGUE",
-        help="The catalogue. [default: riot/catalogue.sqlite in $XDG_DATA_HOME]",
-    ),
-]

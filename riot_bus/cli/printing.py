@@ -26,8 +26,6 @@ def print_result(form: StrEnum, document: Any, lines: Iterable[str]) -> None:
     """Print a result: with `--format json` as a document, otherwise as lines.
 
     Args:
-        form: Value of `--format`.
-        document: The result as JSON values.
         lines: The result as text; a generator is not run for JSON.
     """
     if form == "json":

@@ -1,8 +1,9 @@
-"""`riot report`, `findings`, `trials`, `compare`, `predict`."""
+"""`riot report`, `findings`, `trials`, `compare`, `predict`, `guard`."""
 
 from __future__ import annotations
 
 import json
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,13 @@ import typer
 from riot_bus.cli.fastpath import warn
 from riot_bus.cli.options import DEFAULT_OUT, Finding, Format, OutputFormat
 from riot_bus.cli.printing import print_json, print_lines, print_result
+
+
+class _Action(StrEnum):
+    DROP = "drop"
+    CLAMP = "clamp"
+    HOLD = "hold"
+    REPORT = "report"
 
 
 def report(
@@ -149,7 +157,7 @@ def predict(
 ) -> None:
     """Say where a unit would fail in a log, by a finding's rule. Exit 1 if it would, 5 if that is not known."""
     from riot_bus.chain.base.workspace import open_finding
-    from riot_bus.chain.unit.rule_on_logs import predict_log
+    from riot_bus.chain.unit.prediction import predict_log
     from riot_bus.vocabulary.errors import InconclusiveError
 
     found = predict_log(log, open_finding(finding)[0])
@@ -158,3 +166,25 @@ def predict(
         raise typer.Exit(InconclusiveError.exit_code)
     if found.would_fail:
         raise typer.Exit(1)
+
+
+def guard(
+    finding: Finding = DEFAULT_OUT,
+    *,
+    action: Annotated[
+        _Action, typer.Option("--action", "-a", help="What is done with a message that meets the rule.")
+    ] = _Action.DROP,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Print the lines for riot.toml that put a guard in front of a unit, and what it does to the finding's logs."""
+    from dataclasses import asdict
+
+    from riot_bus.chain.base.workspace import open_finding
+    from riot_bus.chain.steps.guard import plan_guard
+
+    plan = plan_guard(open_finding(finding)[0], action=action.value)
+    if form is OutputFormat.JSON:
+        print_json(asdict(plan))
+        return
+    print_lines(f"# {line}" for line in plan.lines())
+    typer.echo(plan.toml)

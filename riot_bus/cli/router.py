@@ -1,7 +1,8 @@
-"""`riot router`: a drop-in Zenoh router that intercepts what flows between its segments; `riot router env`."""
+"""`riot router`: a drop-in Zenoh router that intercepts what flows between its segments; `router env`; `exec`."""
 
 from __future__ import annotations
 
+import os
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from riot_bus.cli.declared import declared
-from riot_bus.cli.fastpath import start_router
+from riot_bus.cli.fastpath import start_router, warn
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.control.router_flags import RouterOptions
 
@@ -33,6 +34,7 @@ def register(app: typer.Typer) -> None:
     group.callback(invoke_without_command=True)(router)
     group.command("env")(env)
     app.add_typer(group, name="router")
+    app.command("exec", context_settings={"allow_interspersed_args": False})(execute)
 
 
 @declared(RouterOptions)
@@ -75,3 +77,41 @@ def env(
     for hint in hints:
         typer.echo(f"hint: {hint}", err=True)
     typer.echo("\n".join(lines))
+
+
+def execute(
+    command: Annotated[list[str], typer.Argument(metavar="COMMAND", help="What to run.")],
+    *,
+    segment: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME[=ENDPOINT,...]",
+            help="Name of the segment, optionally with where it listens.",
+            show_default=False,
+        ),
+    ],
+    host: Host = None,
+    cfg: ComponentCfg = None,
+    system: Annotated[
+        Path | None,
+        typer.Option(
+            "--system", "-s", metavar="FILE", help="System file that has the segment, also inside riot ros-test."
+        ),
+    ] = None,
+) -> None:
+    """Run a command in a segment, in place of this process and with its streams.
+
+    The segment is one of the router that runs this (riot ros-test), else one that riot router would have here.
+    It also works as a prefix: ros2 launch ... launch-prefix:='riot exec --segment unit --'
+    """
+    from riot_bus.control.segment_exec import become, environment_in
+
+    environ = environment_in(
+        segment,
+        os.environ,
+        system=system,
+        host=host,
+        cfg=cfg or (),
+        hint=lambda text: warn(f"hint: {text}"),
+    )
+    become(command, environ)

@@ -16,8 +16,6 @@ import typer
 from riot_bus.cli.options import OutputFormat
 from riot_bus.control.terminal import Foreground
 
-_LOCAL = 3  # of tcgetattr: local modes
-_COLUMNS = 80  # of a terminal that does not report its width
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 _KEY = re.compile(r"\x1b[\[O]([0-9;]*)([@-~])|.", re.DOTALL)
 _UNFINISHED = re.compile(r"\x1b([\[O][0-9;]*)?\Z")
@@ -64,7 +62,7 @@ class Terminal:
         Arrows are called `up`, `down`, `left` and `right`.
         """
         reading = self._open and self._foreground()
-        if reading and termios.tcgetattr(self._input)[_LOCAL] & termios.ICANON:  # at first, and after a Ctrl-Z
+        if reading and termios.tcgetattr(self._input)[3] & termios.ICANON:  # at first, and after a Ctrl-Z
             tty.setcbreak(self._input, termios.TCSADRAIN)
         ready, _, _ = select.select([self._input] if reading else [], [], [], timeout)
         if not ready:
@@ -81,7 +79,7 @@ class Terminal:
         """Show a line in place of the one before; an empty line removes it."""
         if not self._foreground() or (not line and not self._width):
             return
-        columns = os.get_terminal_size(sys.stderr.fileno()).columns or _COLUMNS
+        columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
         line = line[: columns - 1]
         sys.stderr.write(f"\r{line.ljust(self._width)}" if line else f"\r{' ' * self._width}\r")
         sys.stderr.flush()

@@ -21,7 +21,6 @@ _UNIX = "unixsock-stream"
 _TRANSPORT = {"tcp": "tcp", "tls": "tcp", "ws": "tcp", "udp": "udp", "quic": "udp"}
 _SEPARATOR = re.compile(rf",\s*(?=(?:{'|'.join(PROTOCOLS)})/|$)")
 _LONGEST_SOCKET_PATH = 107  # `sun_path` of unix(7) has 108 bytes, of which the last is 0
-_LARGEST_PORT = 65_535  # TCP and UDP give a port 16 bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +90,7 @@ def split_endpoints(text: str) -> list[str]:
 def parse_endpoint(text: str, *, connect: bool = False) -> Endpoint:
     """Parse and check an endpoint.
 
-    Args:
-        text: The endpoint as the user wrote it.
-        connect: Whether it is connected to, so that it needs a port other than 0.
+    To `connect`, it needs a port other than 0.
 
     Raises:
         ConfigError: It cannot work; the message says why.
@@ -136,8 +133,8 @@ def _check_address(protocol: str, address: str, text: str, *, connect: bool) -> 
         raise ConfigError(f"{text!r} has no port", hint=f"such as {protocol}/{address}:7447")
     if not host:
         raise ConfigError(f"{text!r} has no host", hint=f"such as {protocol}/127.0.0.1:{port or 7447}")
-    if not re.fullmatch(r"[0-9]{1,5}", port) or int(port) > _LARGEST_PORT:
-        raise ConfigError(f"{port!r} in {text!r} is not a port", hint=f"write a number from 0 to {_LARGEST_PORT}")
+    if not re.fullmatch(r"[0-9]{1,5}", port) or int(port) > 65_535:
+        raise ConfigError(f"{port!r} in {text!r} is not a port", hint="write a number from 0 to 65535")
     if connect and int(port) == 0:
         hint = "port 0 stands for any free port, which is only possible for listening"
         raise ConfigError(f"no client can connect to {text!r}", hint=hint)

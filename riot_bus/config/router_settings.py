@@ -148,11 +148,7 @@ class RouterSettings:
 
 
 def router_keys(place: Sequence[str]) -> list[str]:
-    """Return the keys of a table at or below `[router]`; none where any key is allowed.
-
-    Args:
-        place: Keys from `router` on.
-    """
+    """Return the keys of a table at or below `[router]`; none where any key is allowed."""
     if len(place) == 1:
         return [each.name for each in fields(RouterSettings)]
     if len(place) == 3 and place[1] == "segments":
@@ -203,12 +199,7 @@ def _check_name(name: str, *place: str) -> None:
 
 
 def _checked_endpoints(texts: Sequence[str], place: str) -> tuple[str, ...]:
-    """Return endpoints in the form for Zenoh; raises MistakeError if one cannot work.
-
-    Args:
-        texts: Endpoints as the user wrote them.
-        place: `listen` or `connect`.
-    """
+    """Return endpoints in the form for Zenoh; raises MistakeError if one cannot work."""
     try:
         return tuple(str(parse_endpoint(text, connect=place == "connect")) for text in texts)
     except ConfigError as error:

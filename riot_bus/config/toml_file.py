@@ -9,18 +9,16 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.toml_text import parse_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Container, Iterable, Sequence
     from pathlib import Path
 
-    from pydantic import ValidationError
+    from pydantic import BaseModel, ValidationError
 
 
 class MistakeError(ValueError):
     """A mistake in a table; `explained` finds it in pydantic's error.
 
     Args:
-        message: Description of the problem, with the value.
-        hint: Advice for the user.
         place: Keys below the table.
     """
 
@@ -58,12 +56,7 @@ def explained(
 ) -> ConfigError:
     """Turn pydantic's error into one with file, line, table and hint.
 
-    Args:
-        error: Error of the validation.
-        path: The file.
-        text: Its text.
-        known_keys: Returns the keys that a table may have.
-        prefix: Tables above what was validated.
+    `known_keys` returns the keys that a table may have; `prefix` are the tables above what was validated.
     """
     problem: Any = error.errors()[0]
     place = [*prefix, *(str(part) for part in problem["loc"])]
@@ -80,6 +73,31 @@ def explained(
     else:
         message = f"{problem['msg']} (got {problem.get('input')!r})"
     return ConfigError(message, where=place_of(path, text, place), hint=hint or None)
+
+
+def explained_key(
+    error: ValidationError, where: str, tags: Container[str], table_at: Callable[[list[str | int]], type[BaseModel]]
+) -> ConfigError:
+    """Turn pydantic's error into one with the path of the key, such as `inject[0].topic`, and hint.
+
+    `tags` are the names of alternatives of a value, which are not keys of the file; `table_at` returns the table that a
+    key is in.
+    """
+    problems = error.errors()
+    first = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
+    *outer, last = first["loc"]
+    unknown = first["type"] == "extra_forbidden"  # a key from the file, which may have the name of a tag
+    place: list[str | int] = [part for part in outer if part not in tags]
+    place += [last] if unknown or last not in tags else []
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
+    where = f"{where}: {key}" if key else where
+    if unknown:
+        word = str(last)
+        hint = did_you_mean(word, table_at(place).model_fields)
+        return ConfigError(f"unknown key {word!r}", where=where, hint=hint)
+    given = first["input"]
+    shown = f" (found {given!r})" if not isinstance(given, dict | list) else ""
+    return ConfigError(first["msg"].removeprefix("Value error, ") + shown, where=where)
 
 
 def place_of(path: Path, text: str, place: list[str]) -> str:

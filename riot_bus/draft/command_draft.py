@@ -8,13 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
+from riot_bus.draft.model import MISSING, CommandDraft
 from riot_bus.vocabulary.redaction import redacted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
-
-MISSING = "FILL_IN"
-"""First word of an incomplete command. No program has this name, so nothing starts that would connect elsewhere."""
 
 _LOCATOR = re.compile(
     r"(?:tcp|tls|wss?|quic|udp)/(?:\[[^\]\s]+\]|[^\s/:;,'\"\[\]#?]+):([0-9]{1,5})(?:[?#][^\s'\",\]]*)?"
@@ -44,10 +42,7 @@ class ProcessFacts:
     """Known facts about a process.
 
     Attributes:
-        command: Program and arguments.
-        cwd: Working folder of the process.
         program: Path of the executed program; empty if unknown.
-        environment: Whole environment of the process.
         files: Texts of the files that it was given and that name an endpoint to connect to, by path.
     """
 
@@ -57,29 +52,6 @@ class ProcessFacts:
     program: str = ""
     environment: Mapping[str, str] = field(default_factory=dict)
     files: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class CommandDraft:
-    """Draft of how a component is started, as for riot.toml.
-
-    Attributes:
-        missing: Lines that say what the user has to fill in.
-        pid: Id of the process that the draft is taken from; 0 if there is none.
-        files: Texts of the files that the draft names by `{file:NAME}`, by name.
-    """
-
-    command: tuple[str, ...]
-    cwd: str = "."
-    env: Mapping[str, str] = field(default_factory=dict)
-    missing: tuple[str, ...] = ()
-    pid: int = 0
-    files: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def can_start(self) -> bool:
-        """Whether nothing is missing that the component needs to start and to connect to riot."""
-        return not any(MISSING in word for word in (*self.command, *self.env.values()))
 
 
 def unknown_command(why: str) -> CommandDraft:
@@ -98,13 +70,9 @@ def command_draft(
 ) -> CommandDraft:
     """Return a draft of the command that starts a process again so that it connects to riot's endpoint.
 
-    Args:
-        process: Facts about the process.
-        ports: Ports on which the network of the process listens.
-        endpoints: Endpoints without a port on which that network listens, such as socket files.
-        ours: Environment that components get in any case.
-        python: Path of the Python that runs riot.
-        taken: Texts of files that other drafts name already, by name; those of this draft are added.
+    The network of the process listens on `ports`, and on `endpoints` without a port, such as socket files. All
+    components get the environment `ours` in any case. `taken` are the texts of files that other drafts name already, by
+    name; those of this draft are added.
     """
     missing: list[str] = []
     files: dict[str, str] = {}
@@ -118,9 +86,12 @@ def command_draft(
     def put(text: str) -> str:
         head, equals, path = text.rpartition("=")
         content = process.files.get(os.path.normpath(os.path.join(process.cwd, path)))
-        if content is None or PurePath(path).suffix not in _SETTINGS or _holds_secret(content):
+        pure = PurePath(path)
+        if content is None or pure.suffix not in _SETTINGS or redacted(content) != content or _SET.search(content):
             return put_endpoint(text)
-        name, content = _template(path, put_endpoint(content), taken)
+        content = put_endpoint(content)
+        names = (f"{pure.stem}.riot{number or ''}{pure.suffix}" for number in range(len(taken) + 1))
+        name = next(name for name in names if taken.get(name, content) == content)
         files[name] = taken[name] = content
         return f"{head}{equals}{{file:{name}}}"
 
@@ -144,18 +115,6 @@ def locators(text: str, ports: Collection[int]) -> list[tuple[int, str]]:
     return [(number, each[0]) for number, each in found if int(each[1]) in ports]
 
 
-def _holds_secret(text: str) -> bool:
-    """Return whether settings contain a value that may be secret."""
-    return redacted(text) != text or _SET.search(text) is not None
-
-
-def _template(path: str, text: str, taken: Mapping[str, str]) -> tuple[str, str]:
-    """Return a name for a copy of a file that no other text has, and the text."""
-    pure = PurePath(path)
-    names = (f"{pure.stem}.riot{number or ''}{pure.suffix}" for number in range(len(taken) + 1))
-    return next((name, text) for name in names if taken.get(name, text) == text)
-
-
 def _where_to(process: ProcessFacts, words: Sequence[str], ports: Collection[int]) -> str:
     """Return what to fill in if it is unknown how the process gets its endpoint, and why it is unknown."""
     bare = next((word for word in words if any(word.endswith(f":{port}") for port in ports)), None)
@@ -172,22 +131,22 @@ def _where_to(process: ProcessFacts, words: Sequence[str], ports: Collection[int
 
 def _without_secrets(command: Sequence[str], missing: list[str]) -> list[str]:
     """Return a command with `FILL_IN` in place of possible secrets, and add each of them to `missing`."""
-    found, secret = [], ""
+    found, before = [], ""
     for word in command:
         option = _OPTION.fullmatch(word)
+        named = option[1] if option and _SECRET.search(option[1]) and not option[1].endswith(_FILE) else ""
+        with_value = option is not None and option[2] is not None
         shown = redacted(word)
-        if secret and option is None:
-            word, told = MISSING, secret
-        elif option and _SECRET.search(option[1]) and not option[1].endswith(_FILE) and option[2]:
-            word, told = f"{word.partition('=')[0]}={MISSING}", option[1]
+        hidden = ""
+        if before and option is None:
+            word, hidden = MISSING, before
+        elif named and with_value:
+            word, hidden = f"{word.partition('=')[0]}={MISSING}", named
         elif shown != word:
-            word, told = shown.replace("...", MISSING), shown
-        else:
-            told = ""
-        if told:
-            missing.append(f"what stands for {MISSING}, since it may be secret: {told}")
-        names = option is not None and _SECRET.search(option[1]) and not option[1].endswith(_FILE)
-        secret = option[1] if option is not None and names and not option[2] else ""
+            word, hidden = shown.replace("...", MISSING), shown
+        if hidden:
+            missing.append(f"what stands for {MISSING}, since it may be secret: {hidden}")
+        before = "" if with_value else named
         found.append(word)
     return found
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.draft.topic_look import TopicDraft, look_at
+from riot_bus.draft.recording import look_at
 from riot_bus.graph.model import Edge, Graph, Topic
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.processes.launcher import Launcher
@@ -19,18 +19,16 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from riot_bus.draft.plain_draft import PlainFacts
+    from riot_bus.draft.graph_draft import Seen
+    from riot_bus.draft.model import TopicDraft
     from riot_bus.pipeline.event import Event
     from riot_bus.processes.launcher import ComponentProcess
     from riot_bus.trial.context import Context
     from riot_bus.types.capabilities import Role
     from riot_bus.vocabulary.message import Message
 
-_POLL_S = 0.02  # how late a connection is noticed; a look compares ids that sessions know
-_ASK_S = 0.2  # passes in full for each component that has not subscribed to every key
 _MOST_KEYS = 1000  # each is declared as a publisher with a listener, once for every component
-_MOST_WORDS = 300  # letters at the end of the last line: four lines of a terminal
-_MOST_MESSAGES, _MOST_BYTES = 20_000, 1 << 26  # 100 topics of the 200 payloads that `topic_look` reads; 64 MiB
+_MOST_MESSAGES, _MOST_BYTES = 20_000, 1 << 26  # 100 topics of the 200 payloads that `recording` reads; 64 MiB
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +65,7 @@ class _Tap:
 def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], seconds: float) -> FirstRun:
     """Start components and watch them; their messages reach no other system.
 
-    Args:
-        context: Context of the system.
-        names: Names of the components.
-        keys: Further keys that they may have subscribed to.
-        seconds: Time to watch them after all have connected, in seconds.
+    They may have subscribed to `keys`, too, and are watched for so many seconds after all have connected.
     """
     failed: dict[str, str] = {}
     tap = _Tap()
@@ -93,7 +87,7 @@ def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], 
         flows = [each for each, count in setup.network.bus.flows().items() if count]
         asked = sorted({*keys, *(key for key, _ in flows)})[:_MOST_KEYS]
         reads = {
-            name: set(asked) - set(setup.network.bus.wait_subscribed(name, asked, timeout=_ASK_S))
+            name: set(asked) - set(setup.network.bus.wait_subscribed(name, asked, timeout=0.2))
             for name, process in started.items()
             if asked and process.status is None
         }
@@ -101,16 +95,13 @@ def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], 
     return FirstRun(reads, writes, failed, look_at(tap.messages, context.registry)[0])
 
 
-def with_run(facts: PlainFacts, run: FirstRun, sessions: Mapping[str, str]) -> PlainFacts:
+def with_run(seen: Seen, run: FirstRun, sessions: Mapping[str, str]) -> Seen:
     """Return facts about a system, completed by what its components did when started; a pure function.
 
-    Args:
-        facts: Facts that were known before.
-        run: Behaviour of the components.
-        sessions: Name of the component by the id of its session.
+    `sessions` has the name of the component by the id of its session.
     """
     first = {name: zid for zid, name in reversed(list(sessions.items()))}
-    homes = {each.zid: each.segment for each in facts.graph.components}
+    homes = {each.zid: each.segment for each in seen.graph.components}
 
     def edges(role: Role, used: Mapping[str, Iterable[str]]) -> list[Edge]:
         return [
@@ -122,17 +113,17 @@ def with_run(facts: PlainFacts, run: FirstRun, sessions: Mapping[str, str]) -> P
     new = [*edges("subscribes", run.reads), *edges("publishes", run.writes)]
     told = {(each.topic, each.role) for each in new}
     known = {each.identity for each in new}
-    kept = [e for e in facts.graph.edges if (e.zid or (e.topic, e.role) not in told) and e.identity not in known]
+    kept = [e for e in seen.graph.edges if (e.zid or (e.topic, e.role) not in told) and e.identity not in known]
     topics = {key: Topic(key, each.topic) for key, each in run.topics.items()}
-    topics |= {each.key: each for each in facts.graph.topics}
+    topics |= {each.key: each for each in seen.graph.topics}
     commands = {
         zid: replace(each, missing=(*each.missing, f"what makes it work when riot starts it: {why}"))
         if (why := run.failed.get(sessions.get(zid, "")))
         else each
-        for zid, each in facts.commands.items()
+        for zid, each in seen.commands.items()
     }
-    graph = Graph.of(facts.graph.components, topics.values(), [*kept, *new], facts.graph.unknown)
-    return replace(facts, graph=graph, topics={**run.topics, **facts.topics}, commands=commands)
+    graph = Graph.of(seen.graph.components, topics.values(), [*kept, *new], seen.graph.unknown)
+    return replace(seen, graph=graph, topics={**run.topics, **seen.topics}, commands=commands)
 
 
 def _not_connected(setup: TrialSetup) -> dict[str, str]:
@@ -148,11 +139,11 @@ def _not_connected(setup: TrialSetup) -> dict[str, str]:
                 results[name] = _how_ended(started[name])
             elif time.monotonic() - begin > timeout:
                 results[name] = f"it has not connected to {{endpoint}} within {timeout:g} s"
-        time.sleep(_POLL_S)
+        time.sleep(0.02)  # how late a connection is noticed
     return {name: why for name, why in results.items() if why}
 
 
 def _how_ended(process: ComponentProcess) -> str:
     words = process.errors().strip().splitlines()
-    last = f": {words[-1][-_MOST_WORDS:]}" if words else ""
+    last = f": {words[-1][-300:]}" if words else ""
     return f"it ended with status {process.status}{last}"

@@ -1,4 +1,4 @@
-"""`riot init`: a first riot.toml from a live network, or from a recording."""
+"""`riot init`: a first riot.toml from a live network, running processes, or a recording."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.draft.plain_draft import plain_draft
-from riot_bus.draft.scaffold import draft_json, draft_toml
+from riot_bus.draft.graph_draft import graph_draft
+from riot_bus.draft.model import CommandDraft
+from riot_bus.draft.writing import draft_json, draft_toml
 from riot_bus.plugins import LISTENERS
 from riot_bus.system.system_file import SystemFile
 from riot_bus.types.registry import TypeRegistry, load_adapters
@@ -19,25 +20,21 @@ from riot_bus.vocabulary.redaction import redacted
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from riot_bus.draft.command_draft import CommandDraft
+    from riot_bus.draft.graph_draft import Seen
     from riot_bus.draft.init_options import InitOptions
-    from riot_bus.draft.plain_draft import PlainDraft, PlainFacts
+    from riot_bus.draft.model import SystemDraft
     from riot_bus.types.capabilities import HeardSystem, ListensToLinks
 
 
-def init_ros2(options: InitOptions) -> dict[str, Any]:
-    """Look at the ROS 2 nodes on a router and write a system file.
-
-    Returns:
-        What was seen and written, as JSON values.
+def init_nodes(options: InitOptions) -> dict[str, Any]:
+    """Look at the ROS 2 nodes on a router and write a system file; return what was seen and written, as JSON values.
 
     Raises:
         ConfigError: The file exists already, or a named node was not seen.
         EnvironmentFaultError: No router answers, or no nodes were seen.
     """
+    from riot_bus.draft.nodes_draft import nodes_draft
     from riot_bus.draft.process_facts import bridged_domain, nodes_of_domain
-    from riot_bus.draft.scaffold import sketch_json, sketch_toml
-    from riot_bus.draft.system_draft import sketch
     from riot_bus.graph.survey import survey
 
     check_path(options.out, force=options.force)
@@ -45,32 +42,25 @@ def init_ros2(options: InitOptions) -> dict[str, Any]:
     seen = survey(options.endpoint, registry, seconds=options.seconds, config=options.config)
     shown = redacted(options.endpoint)
     domains = {zid: bridged_domain(each) for zid, each in seen.started.items()}
-    found = sketch(
+    found = nodes_draft(
         seen.announcements,
         offered=seen.offered,
         known=lambda name: registry.type_named(name) is not None,
         unit=options.unit,
         external=options.external,
-        started=seen.started,
+        started={zid: CommandDraft(each.command, each.cwd, pid=each.pid) for zid, each in seen.started.items()},
         behind={zid: nodes_of_domain(domain) for zid, domain in domains.items() if domain is not None},
         where=shown,
     )
-    text = sketch_toml(found, origin=f"what {shown} announced within {options.seconds:g} s")
+    text = draft_toml(found, origin=f"what {shown} announced within {options.seconds:g} s", name="ros2")
     write_system(options.out, text, force=options.force)
-    return {"file": str(options.out), "endpoint": shown, "skipped": seen.skipped, **sketch_json(found)}
+    return {"file": str(options.out), "endpoint": shown, "skipped": seen.skipped, **draft_json(found)}
 
 
 def init_links(options: InitOptions, adapter: str, links: Sequence[str], *, warn: Callable[[str], None]) -> HeardSystem:
-    """Listen to links that an adapter knows and write a system file.
+    """Listen to links that an adapter knows, in its notation, and write a system file.
 
-    Args:
-        options: Options of the command; the unit is named as the adapter names it.
-        adapter: Name of the adapter.
-        links: Links in the notation of the adapter.
-        warn: Function called with a line about what does not work.
-
-    Returns:
-        What was heard and written.
+    The unit is named as the adapter names it; `warn` is called with a line about what does not work.
 
     Raises:
         ConfigError: The file exists already, the adapter cannot listen to links, or a link or the unit is wrong.
@@ -84,92 +74,73 @@ def init_links(options: InitOptions, adapter: str, links: Sequence[str], *, warn
     return found
 
 
-def check_path(path: Path, *, force: bool) -> None:
-    """Raise ConfigError if the system file exists, unless `force`."""
-    if path.exists() and not force:
-        raise _there(path)
-
-
-def write_system(path: Path, text: str, *, force: bool) -> None:
-    """Write a system file.
-
-    Args:
-        path: Path of the system file.
-        text: Text of a valid system file.
-        force: Whether to replace an existing file.
-
-    Raises:
-        ConfigError: The file exists already, or cannot be written.
-    """
-    SystemFile.model_validate({**tomllib.loads(text), "path": path.resolve()})
-    try:
-        with path.open("w" if force else "x", encoding="utf-8") as stream:
-            stream.write(text)
-    except FileExistsError:
-        raise _there(path) from None
-    except OSError as error:
-        raise ConfigError(f"cannot write the system file: {error.strerror}", where=str(path)) from error
-
-
-def _there(path: Path) -> ConfigError:
-    return ConfigError("there is a system file already", where=str(path), hint="name another with -o, or use --force")
-
-
-def init_plain(options: InitOptions) -> dict[str, Any]:
-    """Look at the components on a router and write a system file.
-
-    Returns:
-        What was seen and written, as JSON values.
+def init_network(options: InitOptions) -> dict[str, Any]:
+    """Look at the components on a router, start them if that was asked for, and write a system file, as `init_nodes`.
 
     Raises:
         ConfigError: A file exists already, or a named component was not seen.
         EnvironmentFaultError: No router answers, or nothing was seen.
     """
-    from riot_bus.draft.plain_look import look_at_network
+    from riot_bus.draft.network import look_at_network
 
-    path, record, force = options.out, options.record, options.force
-    check_path(path, force=force)
-    if record is not None and record.exists() and not force:
+    path, record = options.out, options.record
+    check_path(path, force=options.force)
+    if record is not None and record.exists() and not options.force:
         raise ConfigError("there is a recording already", where=str(record), hint="name another, or use --force")
-    facts = look_at_network(
-        options.endpoint,
-        seconds=options.seconds,
-        record=record,
-        config=options.config,
-        router=options.router,
-        force=force,
-    )
+    seen = look_at_network(options)
+    origin = f"what {redacted(options.endpoint)} showed within {options.seconds:g} s"
     try:
-        inside = {zid: replace(each, cwd=_relative(Path(each.cwd), path)) for zid, each in facts.commands.items()}
-        facts = replace(facts, commands=inside)
-        found = plain_draft(facts, unit=options.unit, external=options.external)
-        _write_files(path.resolve().parent, facts.commands.values(), force=force)
-        origin = f"what {redacted(options.endpoint)} showed within {options.seconds:g} s"
-        _write(path, found, origin, record, force=force)
+        inside = {zid: replace(each, cwd=_relative(Path(each.cwd), path)) for zid, each in seen.commands.items()}
+        seen = replace(seen, commands=inside)
+        found = graph_draft(seen, unit=options.unit, external=options.external)
+        _write_files(path.resolve().parent, seen.commands.values(), force=options.force)
+        _write(path, found, origin, record, force=options.force)
     except RiotError:
         if record is not None:  # else a second attempt would be refused because of it
             record.unlink(missing_ok=True)
         raise
     if options.start:
-        found = _started(options, facts, found)
+        found = _started(options, seen, found)
         _write(path, found, f"{origin}, and what its components did when riot started them", record, force=True)
     shown = redacted(options.endpoint)
     return {"file": str(path), "endpoint": shown, "started": options.start, **draft_json(found)}
 
 
-def init_plain_log(options: InitOptions, log: Path) -> dict[str, Any]:
-    """Write a system file from a recording; result and errors as of `init_plain`."""
-    check_path(options.out, force=options.force)
-    from riot_bus.draft.plain_look import look_at_log
+def init_log(options: InitOptions, log: Path) -> dict[str, Any]:
+    """Write a system file from a recording; result and errors as of `init_network`."""
+    from riot_bus.draft.recording import look_at_log
 
-    found = plain_draft(look_at_log(log), unit=options.unit, external=options.external)
+    check_path(options.out, force=options.force)
+    found = graph_draft(look_at_log(log), unit=options.unit, external=options.external)
     _write(options.out, found, f"what {log.name} shows", log, force=options.force)
     return {"file": str(options.out), "log": str(log), "started": False, **draft_json(found)}
 
 
-def _write(path: Path, found: PlainDraft, origin: str, nominal: Path | None, *, force: bool) -> None:
-    name = path.resolve().parent.name or "system"
-    text = draft_toml(found, origin=origin, name=name, nominal=None if nominal is None else _relative(nominal, path))
+def check_path(path: Path, *, force: bool) -> None:
+    """Raise ConfigError if the system file exists, unless `force`."""
+    if path.exists() and not force:
+        raise ConfigError(
+            "there is a system file already", where=str(path), hint="name another with -o, or use --force"
+        )
+
+
+def write_system(path: Path, text: str, *, force: bool) -> None:
+    """Write the text of a valid system file.
+
+    Raises:
+        ConfigError: The file exists already, and `force` is not given, or it cannot be written.
+    """
+    SystemFile.model_validate({**tomllib.loads(text), "path": path.resolve()})
+    check_path(path, force=force)
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot write the system file: {error.strerror}", where=str(path)) from error
+
+
+def _write(path: Path, found: SystemDraft, origin: str, nominal: Path | None, *, force: bool) -> None:
+    log = None if nominal is None else _relative(nominal, path)
+    text = draft_toml(found, origin=origin, name=path.resolve().parent.name or "system", nominal=log)
     write_system(path, text, force=force)
 
 
@@ -192,18 +163,19 @@ def _relative(place: Path, path: Path) -> str:
     return os.path.relpath(place, root) if place.is_relative_to(root) else str(place)
 
 
-def _started(options: InitOptions, facts: PlainFacts, found: PlainDraft) -> PlainDraft:
+def _started(options: InitOptions, seen: Seen, found: SystemDraft) -> SystemDraft:
     """Return the draft with what components do when they are started."""
     from riot_bus.draft.first_run import first_run, with_run
     from riot_bus.trial.context import open_system
 
-    names = [name for name, command in found.commands.items() if command.can_start]
-    if not names:
+    startable = [part.name for part in found.parts if part.command.can_start]
+    if not startable:
         raise ConfigError(
             "no component can be started, since no command is known completely",
             where=str(options.out),
             hint="fill in the commands, with {endpoint} in each",
         )
-    run = first_run(open_system(options.out), names, keys=facts.topics, seconds=options.seconds)
-    facts = with_run(facts, run, found.sessions)
-    return plain_draft(facts, unit=options.unit, external=options.external, names=found.sessions)
+    run = first_run(open_system(options.out), startable, keys=seen.topics, seconds=options.seconds)
+    return graph_draft(
+        with_run(seen, run, found.names), unit=options.unit, external=options.external, names=found.names
+    )

@@ -11,13 +11,7 @@ from riot_bus.vocabulary.flags import Flag
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InitOptions:
-    """How `riot init` looks at a system, and the system file that it writes.
-
-    Attributes:
-        endpoint: Endpoint of the router.
-        config: Further Zenoh configuration of the client.
-        router: Name of the router, if there are several.
-    """
+    """How `riot init` looks at a system, and the system file that it writes."""
 
     endpoint: str = DEFAULT_ENDPOINT
     config: Mapping[str, Any] = field(default_factory=dict)

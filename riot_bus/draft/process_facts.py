@@ -10,12 +10,11 @@ import re
 import shutil
 import sys
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.draft.command_draft import ProcessFacts, locators
-from riot_bus.graph.survey import Started
+from riot_bus.draft.model import CommandDraft
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from riot_bus.graph.survey import Started
 
 _MOST_BYTES = 1 << 18  # settings have some KiB; larger files in a command are data or programs
-_MOST_WORDS = 100  # each may name a file that is read: at most 25 MiB together
 _DOMAIN = "ROS_DOMAIN_ID"
 _PYTHON = re.compile(r"(?:python|pypy)[0-9.]*t?")
 _NODE = re.compile(r"(?:^|:)__(?:node|name):=(.+)")
@@ -33,12 +31,7 @@ _NAMESPACE = re.compile(r"(?:^|:)__ns:=(.+)")
 
 
 def facts_of(started: Started, ports: Collection[int]) -> ProcessFacts:
-    """Return facts about a process of this machine, without those that this user may not see.
-
-    Args:
-        started: The running process.
-        ports: Ports that it may connect to.
-    """
+    """Return facts about a process of this machine, without those that this user may not see."""
     import psutil
 
     environment: dict[str, str] = {}
@@ -63,25 +56,12 @@ def _program(started: Started, environment: Mapping[str, str]) -> str:
 
 def _texts(started: Started, environment: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
     """Yield the files of text that a command and Zenoh's variables name."""
-    words = [*started.command[1:_MOST_WORDS], *(each for name, each in environment.items() if name.startswith("ZENOH"))]
+    words = [*started.command[1:100], *(each for name, each in environment.items() if name.startswith("ZENOH"))]
     for word in dict.fromkeys(words):
         path = Path(os.path.normpath(os.path.join(started.cwd, word.rpartition("=")[2])))
         with suppress(OSError, ValueError):  # the word is not a path, or the file is not text
             if path.is_file() and path.stat().st_size <= _MOST_BYTES:
                 yield path, path.read_text(encoding="utf-8")
-
-
-@dataclass(frozen=True, slots=True)
-class NodeStart:
-    """How a ROS node was started.
-
-    Attributes:
-        started: The Python program that has started the node, such as `ros2 launch`; otherwise the node's own process.
-        only: Regular expression that selects the node among the processes of that program; empty for its own process.
-    """
-
-    started: Started
-    only: str = ""
 
 
 def bridged_domain(bridge: Started) -> int | None:
@@ -101,15 +81,16 @@ def bridged_domain(bridge: Started) -> int | None:
     return None
 
 
-def nodes_of_domain(domain: int) -> dict[str, NodeStart]:
-    """Return the processes of a ROS domain that this user may see, by the name of the node in their command.
+def nodes_of_domain(domain: int) -> dict[str, CommandDraft]:
+    """Return what has started the nodes of a ROS domain that this user may see, by the node's name in its own command.
 
+    That is the Python program that has started the process of the node, such as `ros2 launch`, else this process.
     The name is the full one where the command has `__node:=NAME`, otherwise that of the program or script.
     """
     import psutil
 
-    named: dict[str, NodeStart] = {}
-    guessed: dict[str, NodeStart] = {}
+    named: dict[str, CommandDraft] = {}
+    guessed: dict[str, CommandDraft] = {}
     for process in psutil.process_iter():
         with suppress(psutil.Error, OSError):  # gone, or of another user
             if process.pid == os.getpid() or _domain(process.environ()) != domain:
@@ -127,13 +108,13 @@ def _domain(environment: Mapping[str, str]) -> int:
     return int(told) if told.isdecimal() else 0
 
 
-def _start(process: psutil.Process, domain: int, name: str) -> NodeStart:
+def _start(process: psutil.Process, domain: int, name: str) -> CommandDraft:
     parent = process.parent()
     if parent is not None and _domain(parent.environ()) == domain:
         words = parent.cmdline()
         if words and _PYTHON.fullmatch(os.path.basename(words[0])):
-            return NodeStart(Started(parent.pid, tuple(words), parent.cwd()), re.escape(name))
-    return NodeStart(Started(process.pid, tuple(process.cmdline()), process.cwd()))
+            return CommandDraft(tuple(words), parent.cwd(), pid=parent.pid, only=re.escape(name))
+    return CommandDraft(tuple(process.cmdline()), process.cwd(), pid=process.pid)
 
 
 def _node_name(words: Sequence[str]) -> str:

@@ -81,11 +81,7 @@ class BacktrackRecord(Artefact):
 
 
 def nodes_of(trees: Sequence[Any]) -> Iterator[tuple[dict[str, Any], str, int]]:
-    """Yield each topic of backtrack trees before those that lead to it, with its parent's name and its depth.
-
-    Args:
-        trees: Roots of the trees, as in a record: what is not an object is left out.
-    """
+    """Yield each topic of backtrack trees before those that lead to it, with its parent's name and its depth."""
     ahead: list[tuple[Any, str, int]] = [(tree, "", 0) for tree in reversed(trees)]
     while ahead:
         node, parent, depth = ahead.pop()

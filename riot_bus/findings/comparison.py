@@ -31,12 +31,7 @@ class ComparedFinding(BaseModel):
 
 
 class Comparison(BaseModel):
-    """Changes in the failures of a unit between two campaigns.
-
-    Attributes:
-        old: Share of the older campaign's trials that failed.
-        new: Share of the newer campaign's trials that failed.
-    """
+    """Changes in the failures of a unit between two campaigns."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -65,10 +60,6 @@ def _said(rate: ProportionRecord) -> str:
 def compare(old: Path, new: Path) -> Comparison:
     """Compare two output folders of `riot test`.
 
-    Args:
-        old: Folder of the older campaign.
-        new: Folder of the newer campaign.
-
     Raises:
         ConfigError: A folder holds no finished campaign, the units differ, or only one is of the whole system.
     """
@@ -94,7 +85,12 @@ def compare(old: Path, new: Path) -> Comparison:
         change = _change(was, now, seen=(signature in earlier, signature in later))
         found.append(ComparedFinding(signature=signature, severity=other or severity, change=change, old=was, new=now))
     found.sort(key=lambda each: (order.index(each.change), each.signature))
-    return Comparison(unit=after.unit, old=_share(before), new=_share(after), findings=tuple(found))
+    return Comparison(
+        unit=after.unit,
+        old=proportion(before.failing, before.tested),
+        new=proportion(after.failing, after.tested),
+        findings=tuple(found),
+    )
 
 
 def _failures(folder: Path, campaign: CampaignRecord) -> dict[str, _Failure]:
@@ -107,10 +103,6 @@ def _failures(folder: Path, campaign: CampaignRecord) -> dict[str, _Failure]:
         *(FindingRecord.load(findings / name) for name in campaign.findings),  # the last of a signature counts
     ]
     return {record.signature: (record.severity, record.rate) for record in records}
-
-
-def _share(campaign: CampaignRecord) -> Proportion:
-    return proportion(campaign.failing, campaign.tested)
 
 
 def _change(old: ProportionRecord | None, new: ProportionRecord | None, *, seen: tuple[bool, bool]) -> Change:

@@ -55,7 +55,6 @@ class KnownFinding(_Table):
         failed: Number of the fresh `trials` that failed when it was added.
         since: Day on which it was added, and the commit if there is one.
         fixed: Day on which it was seen to be fixed, in the same form; empty until then. If it fails again, it is new.
-        note: Comment by people, which riot preserves.
         log: Folder with its log, relative to the folder of the file; empty if none is kept.
     """
 
@@ -85,7 +84,6 @@ class KnownFinding(_Table):
         """Return the entry for a finding.
 
         Args:
-            finding: Record of the finding.
             more: Values of `since`, `note` and `log`.
         """
         rate = finding.rate
@@ -115,13 +113,7 @@ class _File(_Table):
 
 @dataclass(frozen=True, slots=True)
 class KnownFindings:
-    """Contents of a baseline file.
-
-    Attributes:
-        path: Path of the file.
-        entries: Its findings by fingerprint.
-        missing: Whether there is no such file yet, so that nothing is known.
-    """
+    """Contents of a baseline file."""
 
     path: Path
     entries: Mapping[str, KnownFinding] = field(default_factory=lambda: MappingProxyType({}))

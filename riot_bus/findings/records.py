@@ -213,7 +213,6 @@ class CampaignRecord(Artefact):
         started: Way in which trials started the unit: "forked" or "executed", and why not forked.
         covered: Values of fields, mutations and message faults that were delivered in a trial that tells of them.
         coverable: Number of existing pairs of field and value class.
-        effects: Effects of the injections.
         untold: Questions that could not be decided about the unit's trials, and why.
         rate: Share of the tested trials of the component that failed.
         mined: Rules mined from nominal trials, from how many, and in how many others (`held_out`) one fired.
@@ -328,9 +327,7 @@ class SimplifiedRecord(_Model):
     Attributes:
         what: `gap` (the time between two messages, in seconds), `nominal` (a modified field, or without values a whole
             payload, is as it was before), or `value` (a modified field has a simpler value).
-        name: Name of the field, the message or the two messages.
         before: Value with which it first failed; None for payloads.
-        after: Value in the minimal log.
     """
 
     what: Literal["gap", "nominal", "value"]
@@ -354,7 +351,6 @@ class AbsentRecord(_Model):
 
     Attributes:
         numbers: Their positions in the nominal log of the unit.
-        topics: Topics of these messages.
         passed: Passing trials, and trials in total, of the minimal log with all of them; with any or all of them
             missing, it fails.
     """
@@ -383,8 +379,6 @@ class MinimalRecord(Artefact):
         interrupted: Whether the search was interrupted; then this is the best so far, and `riot minimize` continues.
         missing: Topics of unmodified messages that fail in the same place because others are missing;
             `missing_failed` has their failing trials and trials in total. They are a finding of their own.
-        simplified: Simplifications that kept the failure.
-        simplified_trials: Number of trials that these took.
         absent: Missing messages of the nominal log, if none of the kept messages is modified and the nominal log
             passes.
         unprobed: Whether trials of these messages, and of those with other values, had no others: no probe followed.
@@ -494,9 +488,7 @@ class StructureRecord(_Model):
     Attributes:
         kind: `key` (it is there), `missing key`, `no value` (null, or an empty list or map, where there was one),
             `order` (one message is before the next), or `gap` (the next one comes no later than it does).
-        name: Name of the key, or of the first message.
         then: The message that comes after it.
-        failing_log: Log that fails.
         passing_log: Log that passes, with only this property changed.
         failed: Failing ones, and all, of the fresh trials of the failing log.
         passed: Passing ones, and all, of the fresh trials of the passing log.

@@ -17,10 +17,7 @@ Column = tuple[str, str, Callable[[Elements], Scalar]]
 def columns_of_array(name: str, type_: str, places: tuple[int, ...]) -> tuple[Column, ...]:
     """Return an array's columns for rules: largest and smallest element, whether any is not finite, single elements.
 
-    Args:
-        name: Name with one `[*]`, such as `/scan:ranges[*]`.
-        type_: Type of an element.
-        places: Indices of the elements that get a column of their own.
+    The name has one `[*]`, such as `/scan:ranges[*]`; the elements at `places` get a column each.
     """
     topic, colon, path = name.rpartition(":")
 
@@ -38,14 +35,7 @@ def _at(place: int) -> Callable[[Elements], Scalar]:
 
 
 def with_column(elements: Elements, name: str, place: int | None, value: int | float) -> Elements:
-    """Return the elements, changed as little as possible so that one of their columns has a value.
-
-    Args:
-        elements: The array's elements, at least one.
-        name: Name of the column.
-        place: Index of the element if the column is a single one.
-        value: New value of that column.
-    """
+    """Return the elements, changed as little as possible so that a column, the one of `place` if given, has a value."""
     found = quantity_of(name)
     if found is None or place is not None:
         assert place is not None
@@ -74,13 +64,7 @@ def known_elements(base: Elements, other: Elements, values: Sequence[int | float
 
 
 def drawn_elements(base: Elements, value: Callable[[], int | float], chance: random.Random) -> Elements:
-    """Draw an array: the base with one, some, all but one or all elements drawn anew, equal or independent.
-
-    Args:
-        base: Array with at least one element.
-        value: Function that draws one element.
-        chance: Source of randomness.
-    """
+    """Draw an array: the base with one, some, all but one or all elements drawn anew, equal or independent."""
     size, kind = len(base), chance.random()
     if kind < 0.1:
         return base

@@ -17,15 +17,8 @@ from riot_bus.generalize.table import Candidate, concrete
 ERROR_BITS = 12.0
 """Cost of one sample that the rule gets wrong."""
 
-RARE = 4
-"""With fewer failing samples than this, each one missed costs more: a rule for a rare failure must not be "never"."""
-
 MOST_TERMS = 4
-MOST_LITERALS = 4
-GUARD_LITERALS = 4
-ANOTHER_FINITE_BITS = 1.5
-"""Cost of each further variable that has to be finite: people say "all finite" of variables that belong together."""
-POOL = 12  # `_improve` compares all pairs of pooled terms: twice as many take four times as long
+"""Most terms of a rule, most literals of a term, and of a guard."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +65,7 @@ class _Term:
 def learn(candidates: Sequence[Candidate], masks: Array, failed: Array, *, width: int = 3, beam: int = 24) -> Learnt:
     """Return the disjunction of at most 4 terms of at most 4 literals with the least description length.
 
-    Args:
-        candidates: The literals to choose from.
-        masks: (candidates, samples): where each literal holds.
-        failed: (samples,): the outcomes.
-        width: Partial rules kept per step.
-        beam: Partial terms kept per step.
+    `masks` (candidates x samples) tells where literals hold; `width` rules and `beam` terms are kept per step.
     """
     bits = np.array([candidate.bits for candidate in candidates]) + np.log2(2.0 + len(candidates)) / 4
     keep = _distinct(masks, bits)
@@ -98,8 +86,9 @@ def learn(candidates: Sequence[Candidate], masks: Array, failed: Array, *, width
             if not (failed & ~covered).any():
                 continue
             found = _terms(matrix, masks, bits, kinds, failed, covered, beam)
-            for size in range(1, MOST_LITERALS + 1):
-                for term in [term for term in found if len(term.literals) == size][: POOL if size > 1 else None]:
+            for size in range(1, MOST_TERMS + 1):
+                # `_improve` compares all pairs of pooled terms: twice as many take four times as long
+                for term in [term for term in found if len(term.literals) == size][: 12 if size > 1 else None]:
                     key = term.mask.tobytes()
                     if key not in pool or term.bits < pool[key].bits:
                         pool[key] = term
@@ -124,12 +113,6 @@ def learn_guarded(candidates: Sequence[Candidate], masks: Array, failed: Array, 
 
     Learning term by term does not find such literals: each one costs more than it gains in its term. The guard and the
     rule within it are chosen in turns.
-
-    Args:
-        candidates: The literals to choose from.
-        masks: (candidates, samples): where each literal holds.
-        failed: (samples,): the outcomes.
-        plain: The rule of `learn`; the guarded one has to be shorter.
     """
     needed = np.flatnonzero(masks[:, failed].all(axis=1) & ~masks.all(axis=1))
     if not len(needed) or not failed.any():
@@ -140,7 +123,7 @@ def learn_guarded(candidates: Sequence[Candidate], masks: Array, failed: Array, 
     places = {candidate: index for index, candidate in enumerate(candidates)}
     best, wrong = plain, ~failed
     before: list[int] = []
-    for _ in range(GUARD_TURNS):
+    for _ in range(2):  # the second leaves out what the rule within the first says; a third seldom changes it
         guard, cost = _guard(masks[needed], bits, finite, wrong)
         if guard == before:
             break
@@ -158,16 +141,15 @@ def learn_guarded(candidates: Sequence[Candidate], masks: Array, failed: Array, 
     return best
 
 
-GUARD_TURNS = 2
-"""The second turn leaves out what the rule within the first guard says already; a third seldom changes it."""
-
-
 def _guard(masks: Array, bits: Array, finite: Array, wrong: Array) -> tuple[list[int], float]:
-    """Return "all finite" and the literals that exclude the most samples not to be covered, and their cost."""
+    """Return "all finite" and the literals that exclude the most samples not to be covered, and their cost.
+
+    Each further variable that has to be finite costs less: people say "all finite" of variables that belong together.
+    """
     chosen = np.flatnonzero(finite).tolist()
-    costs = np.where(finite & (np.cumsum(finite) > 1), np.minimum(bits, ANOTHER_FINITE_BITS), bits)
+    costs = np.where(finite & (np.cumsum(finite) > 1), np.minimum(bits, 1.5), bits)
     left = wrong & masks[chosen].all(axis=0)
-    for _ in range(GUARD_LITERALS):
+    for _ in range(MOST_TERMS):
         gain = ERROR_BITS * (~masks[:, left]).sum(axis=1) - costs
         index = int(np.argmax(gain))
         if gain[index] <= 0:
@@ -183,8 +165,8 @@ def _readable(literals: list[Candidate]) -> tuple[Candidate, ...]:
 
 
 def _weights(failed: Array) -> Array:
-    """Return the cost of getting each sample wrong."""
-    missed = ERROR_BITS * max(1.0, RARE / max(float(failed.sum()), 1.0))
+    """Return the cost of getting each sample wrong; rare failures cost more, so that their rule is not "never"."""
+    missed = ERROR_BITS * max(1.0, 4 / max(float(failed.sum()), 1.0))
     return np.asarray(np.where(failed, missed, ERROR_BITS))
 
 
@@ -264,7 +246,7 @@ def _terms(
     base = np.log2(want.sum() / (want.sum() + avoid.sum())).astype(np.float32)
     frontier = [_Term((), np.ones(len(failed), dtype=bool), 1.0)]
     found: dict[tuple[int, ...], tuple[float, _Term]] = {}
-    for _ in range(MOST_LITERALS):
+    for _ in range(MOST_TERMS):
         rows = np.array([term.mask for term in frontier], dtype=np.float32)
         with np.errstate(invalid="ignore"):  # products of 0 and 1, but BLAS may set the flag for lanes it does not use
             hits, misses = rows[:, want] @ wanted, rows[:, avoid] @ avoided

@@ -22,9 +22,6 @@ from riot_bus.vocabulary.message import Scalar
 NARROW = 1e-3
 """Sufficient width of an edge, relative to its distance from nominal: coefficients have few digits."""
 
-MOST_DIGITS = 4
-"""Maximum number of digits of a coefficient; longer ones are chance."""
-
 _MULTIPLES = range(1, 9)  # a guess: coefficients in code are small whole numbers
 _MOST_CHOICES = 16  # all of four variables with edges on both sides
 
@@ -92,7 +89,7 @@ def middle_of(edge: Flip, type_: str) -> Scalar | None:
 
 
 def farther_base(edges: Sequence[Flip], base: Assignment, types: Mapping[str, str]) -> Assignment | None:
-    """Return a case that lies farther from edges of integers that are too near for coefficients; None if there is none.
+    """Return a case that lies farther from edges of integers that are too near for coefficients, if there is one.
 
     Integers 479 and 480 are 1 in 30 apart for a nominal 450, but 1 in 480 for 0. With edges on both sides, to leave
     one is to near the other.
@@ -128,7 +125,10 @@ def linear_features(edges: Sequence[Flip]) -> list[Feature]:
 
 
 def _linear(edges: Mapping[str, Flip]) -> Feature | None:
-    """Return the feature whose coefficients are the inverse of the distances, None when no simple ones fit."""
+    """Return the feature whose coefficients are the inverse of the distances, None when no simple ones fit.
+
+    Coefficients of more than four digits are chance.
+    """
     furthest = max(edges.values(), key=lambda edge: abs(edge.distances[1]))
     bounds: dict[str, tuple[float, float, int]] = {}
     for name, edge in edges.items():
@@ -143,7 +143,7 @@ def _linear(edges: Mapping[str, Flip]) -> Feature | None:
             if low > high or low < 1:
                 break
             weights[name] = sign * int(simplest(low, high))
-        if len(weights) == len(bounds) and all(_digits(weight) <= MOST_DIGITS for weight in weights.values()):
+        if len(weights) == len(bounds) and all(_digits(weight) <= 4 for weight in weights.values()):
             return _ordered(weights)
     return None
 

@@ -85,10 +85,6 @@ def numeric(column: Array) -> Array | None:
 def evaluate(node: Node, column: Callable[[str], Array]) -> Array | None:
     """Return the value of each row, exact for integers; None when a column does not hold what an operator takes.
 
-    Args:
-        node: Root of the expression tree.
-        column: Returns the raw column of a variable.
-
     Returns:
         int64, object (exact Python integers beyond int64) or float64; flags are booleans, or 1.0, 0.0 and NaN (in rows
         without a text).

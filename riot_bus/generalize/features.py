@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -30,7 +29,6 @@ class Kind(NamedTuple):
     arity: int
     bits: float
     build: Callable[[list[Node], Any], Node]
-    constant: type | tuple[type, ...] | None = None
 
 
 def _call(operator: str, *more: Node) -> Callable[[list[Node], Any], Node]:
@@ -78,9 +76,9 @@ FEATURE_KINDS: Final[Mapping[str, Kind]] = {
     **{f"cast{bits}": Kind(1, 4.0, _call("signed", bits)) for bits in (8, 16, 32)},
     "mul3": Kind(3, 6.0, lambda args, _: Applied("mul", (Applied("mul", (args[0], args[1])), args[2]))),
     "mulsub": Kind(3, 7.0, lambda args, _: Applied("sub", (Applied("mul", (args[0], args[1])), args[2]))),
-    "linear": Kind(0, 5.0, _weighted, tuple),
-    "mod": Kind(1, 2.0, lambda args, constant: Applied("mod", (args[0], constant)), int),
-    "bits": Kind(1, 4.0, lambda args, constant: Applied("and", (args[0], constant)), int),
+    "linear": Kind(0, 5.0, _weighted),
+    "mod": Kind(1, 2.0, lambda args, constant: Applied("mod", (args[0], constant))),
+    "bits": Kind(1, 4.0, lambda args, constant: Applied("and", (args[0], constant))),
     "len": Kind(1, 2.5, _call("len")),
     "bytes": Kind(1, 3.5, _call("bytes")),
     "nan": Kind(1, 3.0, _call("isnan")),
@@ -89,16 +87,13 @@ FEATURE_KINDS: Final[Mapping[str, Kind]] = {
     "printable": Kind(1, 5.0, _call("isprintable")),
     "digits": Kind(1, 5.0, _call("isdigit")),
     "utf8": Kind(1, 4.0, _call("isutf8")),
-    "prefix": Kind(1, 3.0, lambda args, constant: Applied("startswith", (args[0], constant)), (str, bytes)),
-    "contains": Kind(1, 4.0, lambda args, constant: Applied("contains", (args[0], constant)), (str, bytes)),
+    "prefix": Kind(1, 3.0, lambda args, constant: Applied("startswith", (args[0], constant))),
+    "contains": Kind(1, 4.0, lambda args, constant: Applied("contains", (args[0], constant))),
 }
 """Kinds of features: numeric quantities of one to four variables, quantities of texts, and flags."""
 
 FLAGS: Final = frozenset({"nan", "nonfinite", "ascii", "printable", "digits", "utf8", "prefix", "contains"})
 """Kinds whose values are booleans."""
-
-_LETTER = 2.0
-"""Bits of one letter of a constant text."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -106,8 +101,6 @@ class Feature:
     """One derived quantity of up to four variables.
 
     Args:
-        kind: One of `FEATURE_KINDS`.
-        args: Names of the variables.
         constant: Coefficients of "linear" (the first one is positive), divisor of "mod", mask of "bits", text of
             "prefix" and "contains"; None for all other kinds.
 
@@ -129,7 +122,7 @@ class Feature:
         if len(self.args) != kind.arity and not (kind.arity == 0 and 2 <= len(self.args) <= _MOST_TERMS):
             takes = kind.arity or f"2 to {_MOST_TERMS}"
             raise ConfigError(f"feature {self.kind!r} takes {takes} variables, not {self.args!r}")
-        if (kind.constant is None) != (self.constant is None) or not self._constant_fits():
+        if not self._constant_fits():
             hint = (
                 "mod and bits take a positive whole number, prefix and contains a text, linear a coefficient for each "
                 "variable (none of them 0, the first one positive), and all others None"
@@ -138,21 +131,14 @@ class Feature:
 
     def _constant_fits(self) -> bool:
         constant = self.constant
-        if isinstance(constant, bool):
-            return False
-        if isinstance(constant, tuple):
-            return (
-                self.kind == "linear"
-                and len(constant) == len(self.args)
-                and all(type(weight) in (int, float) and math.isfinite(weight) and weight for weight in constant)
-                and all(abs(weight) < _LARGEST for weight in constant)
-                and constant[0] > 0
-            )
-        if isinstance(constant, int):
-            return self.kind in ("mod", "bits") and 0 < constant < _LARGEST
-        if isinstance(constant, str | bytes):
-            return self.kind in ("prefix", "contains") and 0 < len(constant) <= _LONGEST_TEXT
-        return constant is None
+        if self.kind == "linear" and isinstance(constant, tuple):
+            fit = (type(one) in (int, float) and 0 < abs(one) < _LARGEST for one in constant)
+            return len(constant) == len(self.args) and all(fit) and constant[0] > 0
+        if self.kind in ("mod", "bits"):
+            return type(constant) is int and 0 < constant < _LARGEST
+        if self.kind in ("prefix", "contains"):
+            return isinstance(constant, str | bytes) and 0 < len(constant) <= _LONGEST_TEXT
+        return constant is None and self.kind != "linear"
 
     @property
     def cost(self) -> float:
@@ -162,7 +148,7 @@ class Feature:
             return bits + sum(0.0 if abs(weight) == 1 else number_bits(abs(weight)) for weight in self.constant)
         if isinstance(self.constant, int):
             return bits + number_bits(self.constant)
-        return bits + _LETTER * len(self.constant) if self.constant else bits
+        return bits + 2.0 * len(self.constant) if self.constant else bits
 
     @property
     def expression(self) -> Node:
@@ -183,9 +169,6 @@ class Feature:
 
     def values(self, columns: Mapping[str, Array]) -> Array | None:
         """Return the feature's value in each row, exact for integers; None if a column's type does not fit it.
-
-        Args:
-            columns: One array of equal length per variable.
 
         Returns:
             int64, object (exact Python integers beyond int64) or float64. For the kinds in `FLAGS`: bool, or for
@@ -211,13 +194,7 @@ _MOST_WITH_TRIPLES = 6
 
 
 def features_of(types: Mapping[str, str]) -> list[Feature]:
-    """Return the features worth trying for variables of these types, cheapest first.
-
-    Of those with constants, only sums and differences of three are included.
-
-    Args:
-        types: Name and type (bool, int8 .. uint64, float32, float64, string, bytes) of each variable.
-    """
+    """Return the features worth trying for variables of these types, cheapest first."""
     numbers = [name for name, type_ in types.items() if type_.startswith(("int", "uint", "float"))]
     found = [Feature("raw", (name,)) for name in types]
     for name in numbers:
@@ -251,11 +228,7 @@ _MOST_WITH_CASTS = 4
 
 
 def casts_of(types: Mapping[str, str]) -> list[Feature]:
-    """Return features of integers, and of sums, differences and products of two, cast to smaller integers.
-
-    Args:
-        types: Name and type of each variable.
-    """
+    """Return features of integers, and of sums, differences and products of two, cast to smaller integers."""
     sizes = {name: int(type_.removeprefix("u")[3:]) for name, type_ in types.items() if _INTEGER.fullmatch(type_)}
     found: list[Feature] = []
     for name, size in sizes.items():

@@ -1,8 +1,12 @@
-"""Literals: one comparison of a feature with a constant, its truth and its distance from the boundary."""
+"""Literals: one comparison of a feature with a constant, its truth and its distance from the boundary.
+
+Distances are by kind of feature, in units of the variables' spreads.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +15,6 @@ import numpy as np
 
 from riot_bus.generalize.expressions import Applied, Array, numeric, text
 from riot_bus.generalize.features import FLAGS, Feature
-from riot_bus.generalize.margins import WRAPS, arc_distance, boundary_distance
 from riot_bus.generalize.numbers import number_text
 from riot_bus.vocabulary.elements import Quantity, quantity_of
 from riot_bus.vocabulary.errors import ConfigError
@@ -36,6 +39,9 @@ _BEYOND = {"max": ">", "min": "<"}
 """Comparison that the largest, or smallest, element meets if any element does; the opposite one means all elements."""
 
 _ODD = {"isnan": "NaN", "nonfinite": "not finite"}
+
+WRAPS = re.compile("(wrap|signed|cast)(sub|mul)?(?=[0-9])")
+"""Beginning of the kinds of features that wrap around; the number of bits follows."""
 
 Value = Scalar | tuple[Scalar, ...] | None
 
@@ -105,11 +111,7 @@ class Literal:
         return f"{word}{elements} {self.operator} {_shown(self.value)}"
 
     def holds(self, columns: Mapping[str, Array]) -> Array:
-        """Return one boolean per row; False where the value has another type or is NaN.
-
-        Args:
-            columns: One array of equal length per variable.
-        """
+        """Return one boolean per row; False where the value has another type or is NaN."""
         members = self.value if isinstance(self.value, tuple) else (self.value,)
         if isinstance(members[0], str | bytes | bool):
             return _among(self.feature.column(columns), members, wanted=self.operator in ("==", "in"))
@@ -128,10 +130,6 @@ class Literal:
 
         It is the smallest move of one variable (or, for products, also of both) that reaches the boundary, in units of
         `scale`; categories and flags, which have no margin, are at 1 or -1.
-
-        Args:
-            columns: One array of equal length per variable.
-            scale: Nominal spread of each variable; 1 where it is missing or not positive.
         """
         inside = self.holds(columns)
         members = self.value if isinstance(self.value, tuple) else (self.value,)
@@ -159,11 +157,6 @@ def arc_distances(term: Sequence[Literal], columns: Mapping[str, Array], scale: 
     """Yield distances to each range that a term demands of a feature that wraps around; far below 0 within it.
 
     A point near the jump is near to one of the two limits alone, but not to the range between them.
-
-    Args:
-        term: Literals that all have to hold.
-        columns: One array of equal length per variable.
-        scale: Nominal spread of each variable.
     """
     for lower in term:
         values = lower.feature.values(columns) if WRAPS.match(lower.feature.kind) else None
@@ -175,7 +168,7 @@ def arc_distances(term: Sequence[Literal], columns: Mapping[str, Array], scale: 
             assert isinstance(high, int | float)
             if low <= high:
                 units = [_unit(scale.get(name, 1.0)) for name in lower.feature.args]
-                far = np.clip(arc_distance(lower.feature, values, units, low, high), NEAR, FAR)
+                far = np.clip(_arc_distance(lower.feature, values, units, low, high), NEAR, FAR)
                 yield np.where(lower.holds(columns) & upper.holds(columns), -FAR, np.nan_to_num(far, nan=FAR))
 
 
@@ -232,3 +225,67 @@ def compare(values: Array, operator: str, value: Any) -> Array:
             "!=": lambda: (values != value) & (values == values),
         }[operator]()
     return np.asarray(result).astype(bool)
+
+
+def boundary_distance(
+    feature: Feature, points: Sequence[Array], values: Array, units: Sequence[float], value: float
+) -> Array:
+    """Return an upper bound of the distance to the boundary, exact for moves along one axis.
+
+    `points` has one float64 array per argument (none for features of texts), `values` the feature itself.
+
+    Returns:
+        Non-negative array, NaN or infinite where the point or the boundary is at infinity.
+    """
+    kind = feature.kind
+    with np.errstate(all="ignore"):
+        gap = np.abs(values.astype(np.float64) - value)
+        if kind == "mul":
+            x, y = points
+            return _product(x / units[0], y / units[1], value / units[0] / units[1])
+        if kind == "div":
+            return _quotient(points[0], points[1], units, value)
+        if kind == "mul3":
+            x, y, z = (np.abs(point) for point in points)
+            slopes = (y * z * units[0], x * z * units[1], x * y * units[2])
+            return np.asarray(np.min([gap / slope for slope in slopes], axis=0))
+        if kind == "mulsub":
+            x, y, _ = (np.abs(point) for point in points)
+            return np.asarray(np.fmin(np.fmin(gap / (y * units[0]), gap / (x * units[1])), gap / units[2]))
+        if isinstance(feature.constant, tuple):
+            return np.asarray(
+                gap / max(abs(weight) * unit for weight, unit in zip(feature.constant, units, strict=True))
+            )
+        if WRAPS.match(kind):
+            # The numbers lie on a circle: the jump is a boundary, too.
+            size = _circle(feature)
+            above = np.mod(values.astype(np.float64) + (0.0 if kind.startswith("wrap") else size / 2), size)
+            return np.asarray(np.minimum(gap, np.minimum(above + 1, size - above)) / max(units))
+        return np.asarray(gap / max(units))
+
+
+def _arc_distance(feature: Feature, values: Array, units: Sequence[float], low: float, high: float) -> Array:
+    """Return the distance of points outside an arc of a circle to its nearer end: the jump does not lead into it."""
+    place, size = values.astype(np.float64), _circle(feature)
+    return np.asarray(np.minimum(np.mod(low - place, size), np.mod(place - high, size)) / max(units))
+
+
+def _circle(feature: Feature) -> float:
+    """Return how many values a feature has that wraps around."""
+    return 2.0 ** int(WRAPS.sub("", feature.kind))
+
+
+def _product(u: Array, v: Array, value: float) -> Array:
+    """Return the distance to u * v = value: along an axis or to the nearer vertex; to the axes when value is 0."""
+    if value == 0:
+        return np.asarray(np.minimum(np.abs(u), np.abs(v)))
+    root = math.sqrt(abs(value))
+    other = math.copysign(root, value)
+    vertex = np.minimum(np.hypot(u - root, v - other), np.hypot(u + root, v + other))
+    return np.asarray(np.fmin(np.fmin(np.abs(value / v - u), np.abs(value / u - v)), vertex))
+
+
+def _quotient(x: Array, y: Array, units: Sequence[float], value: float) -> Array:
+    """Return the distance to x / y = value: in x, in y, or to y = 0, where the quotient jumps through infinity."""
+    moves = np.fmin(np.abs(value * y - x) / units[0], np.abs(y) / units[1])
+    return np.asarray(moves if value == 0 else np.fmin(moves, np.abs(x / value - y) / units[1]))

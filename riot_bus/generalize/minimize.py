@@ -11,12 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
-from riot_bus.generalize.oracle import BudgetSpentError, Trials
+from riot_bus.generalize.oracle import FAILS, SURE, BudgetSpentError, Trials
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.trial import Ask, Progress
-
-SAME_GROUP = 8.0
-"""Factor by which a message is likelier to be needed when another one of its group (topic) is."""
 
 BUDGET = 2000
 """Trials at most: enough for three needed of 5,000 failing three times in ten (about 400), or 150 that always do."""
@@ -28,26 +25,8 @@ _DOUBT = 0.03
 """What ends the trials of the result and of each message's need together, less than what may be claimed: rates of 0.9
 are often not told from 1 by then (benchmarks/noise.py)."""
 
-_WRONG = 0.01
-"""Budget of error of the last check."""
-
-_FAILS = 0.98
-"""Prior that the whole log fails: fresh trials of it have confirmed the finding."""
-
-_SURE = 0.95
-"""Confidence that ends one search; the check at the end finds mistakes."""
-
 _UNNEEDED = 0.1
 """Prior that a message which a search has found is not needed after all, or that those found are not enough."""
-
-_IDLE = 0.02
-"""Prior that the failure needs no message at all."""
-
-_CUT = 0.02
-"""Prior that an earlier search has cut a needed message."""
-
-_LEAST = 1e-3
-"""Prior of all messages without weight together: they are found too, later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +35,10 @@ class Minimal:
 
     Attributes:
         kept: Indices into the log, ascending.
-        trials: Number of trials asked.
         one_minimal: Whether it was shown that `kept` triggers the failure, and does not without any one message.
         confidence: Lower bound of the confidence in that; 0 if it was not shown.
         failed: Failing trials of `kept`, and trials in total.
         without: The same for each message of `kept`, when it alone is left out.
-        noise: Present knowledge about the failure rates.
     """
 
     kept: tuple[int, ...]
@@ -100,22 +77,10 @@ def minimize(
 ) -> Minimal:
     """Find a 1-minimal failing part of a log.
 
-    Args:
-        n: Number of messages; they are called 0..n-1 in log order.
-        ask: Each question is an ascending tuple of kept messages, and each time a fresh trial; True = failed with the
-            same signature.
-        weights: Prior weight of each message to be needed (injected ones high, then those close before the failure).
-        groups: Topic of each message; needed messages often share one.
-        causes: Messages of which at least one has to be kept; parts without any have another cause, and are not asked.
-        likely: Whether the whole log is probably minimal: then that is checked before anything is searched.
-        noise: Knowledge about the failure rates.
-        budget: Maximum number of trials; once they are spent, the best so far is the result, marked as not proven.
-        parallelism: Questions worth asking in one batch.
-        progress: Called after every batch.
-        better: Called with each smaller part that was found to fail, which is not proven to be minimal yet.
-
-    Returns:
-        The kept messages. `one_minimal` says whether they were shown to be minimal.
+    A question is an ascending tuple of kept messages, of 0..n-1 in log order, and each time a fresh trial; True =
+    failed with the same signature. Without any of the `causes` a part has another cause, and is not asked. If the whole
+    log is `likely` minimal, that is checked first. `better` gets each smaller part that was found to fail. Once the
+    budget is spent, the best so far is the result, marked as not proven.
 
     Raises:
         InconclusiveError: If the whole log does not fail.
@@ -129,33 +94,28 @@ def minimize(
     trials: Trials[tuple[int, ...]] = Trials(
         ask, key=lambda question: question, noise=noise, budget=budget, parallelism=parallelism, progress=progress
     )
-    return _Search(trials, prior, groups, None if causes is None else frozenset(causes), better).run(likely=likely)
+    return _Search(trials, prior, groups, None if causes is None else frozenset(causes), better, tuple(range(n))).run(
+        likely=likely
+    )
 
 
+@dataclass
 class _Search:
-    """The state of one run of `minimize`."""
+    """The state of one run of `minimize`; `best` is the smallest part found to fail, at first the whole log."""
 
-    def __init__(
-        self,
-        trials: Trials[tuple[int, ...]],
-        prior: list[float],
-        groups: Sequence[str] | None,
-        causes: frozenset[int] | None,
-        better: Callable[[Minimal], None] | None,
-    ) -> None:
-        self.trials = trials
-        self.prior = prior
-        self.groups = groups
-        self.causes = causes
-        self.better = better
-        self.best = tuple(range(len(prior)))
+    trials: Trials[tuple[int, ...]]
+    prior: list[float]
+    groups: Sequence[str] | None
+    causes: frozenset[int] | None
+    better: Callable[[Minimal], None] | None
+    best: tuple[int, ...]
 
     def run(self, *, likely: bool) -> Minimal:
         whole = self.best
         try:
             if not whole:
                 self._check_whole()
-            idle = not likely and self._may((), ()) and self._fails((), _IDLE, "checking the empty log")
+            idle = not likely and self._may((), ()) and self._fails((), 0.02, "checking the empty log")
             if not whole or idle:
                 return self._result((), shown=True)
             return self._result(self._minimal(whole if likely else ()), shown=True)
@@ -167,7 +127,7 @@ class _Search:
         what = f"the whole log ({len(self.prior)} messages)"
         self.trials.require(
             tuple(range(len(self.prior))),
-            prior=_FAILS,
+            prior=FAILS,
             doubt=_DOUBT,
             doing="checking the whole log",
             what=what,
@@ -178,11 +138,7 @@ class _Search:
         return self.trials.triggers([kept], prior=prior, doubt=_DOUBT / 2, doing=doing)[0] > 0.5
 
     def _minimal(self, kept: tuple[int, ...]) -> tuple[int, ...]:
-        """Search, and check the result; a refuted result is repaired and checked again.
-
-        Args:
-            kept: Messages to begin with: none, or a set that is probably minimal.
-        """
+        """Search, and check the result; a refuted result is repaired and checked again."""
         if kept:
             self._check_whole()
         kept = kept or self._search(())
@@ -193,7 +149,7 @@ class _Search:
                 if rest == kept:
                     if not self._sure(kept):
                         break
-                    rest = self._without_removable(kept, prior=0.5, doubt=_WRONG)
+                    rest = self._without_removable(kept, prior=0.5, doubt=0.01)
                     if rest == kept:
                         return kept
                 kept = rest
@@ -207,18 +163,14 @@ class _Search:
         This takes at least two trials: the likeliest mistake is that a failure without its cause ended the search.
         """
         doing = "making sure of what was found"
-        return self.trials.triggers([kept], prior=0.5, doubt=_WRONG / 2, doing=doing, least=2)[0] > 0.5
+        return self.trials.triggers([kept], prior=0.5, doubt=0.005, doing=doing, least=2)[0] > 0.5
 
     def _without_removable(
         self, kept: tuple[int, ...], *, prior: float = _UNNEEDED, doubt: float = _DOUBT
     ) -> tuple[int, ...]:
         """Return a part of a failing set without one message that is not needed, or the set if all are needed.
 
-        Args:
-            kept: The set that fails.
-            prior: Prior that a message is not needed. The search chose the set by answers that may be chance, so in
-                the last check prior knowledge does not count.
-            doubt: Doubt that ends the trials of all parts together with those of the set.
+        The search chose the set by answers that may be chance, so in the last check prior knowledge does not count.
         """
         questions = [part for part in self._parts(kept) if self._may(part, ())]
         doing = "checking that every kept message is needed"
@@ -240,9 +192,9 @@ class _Search:
         while order:
             masses = [prior[item] for item in order]
             total = sum(masses) or float(len(masses))
-            least = total * _LEAST / len(masses)
+            least = 1e-3 * total / len(masses)  # those without weight are found too, later
             # "Nothing else is needed" gets half of the mass: most failures need one or two messages.
-            start_prior = 0.5 if kept else _IDLE
+            start_prior = 0.5 if kept else 0.02
             alone = self.trials.noise.triggers(*self.trials.counts(tuple(sorted(kept))), prior=start_prior)
 
             def at(length: int, kept: list[int] = kept, order: list[int] = order) -> tuple[int, ...]:
@@ -254,7 +206,7 @@ class _Search:
                 [0.0] * impossible + masses[impossible:],
                 at,
                 rises=True,
-                sure=_SURE,
+                sure=SURE,
                 doing=f"looking for needed message {len(kept) + 1}",
             )
             if not self.trials.failed:
@@ -266,12 +218,12 @@ class _Search:
                 continue
             found = order[length - 1]
             kept.append(found)
-            order, cut = order[: length - 1], _CUT
+            order, cut = order[: length - 1], 0.02  # prior that a needed message was cut
             self._found(tuple(sorted(kept + order)))
             if self.groups is not None and sum(self.groups[item] == self.groups[found] for item in kept) == 1:
                 for item in order:
                     if self.groups[item] == self.groups[found]:
-                        prior[item] *= SAME_GROUP
+                        prior[item] *= 8  # likelier to be needed, as another one of its topic is
                 order.sort(key=lambda item: (-prior[item], item))
         return tuple(sorted(kept))
 

@@ -17,6 +17,12 @@ WAVES = 4
 """Trials for each slot in one batch whose questions do not depend on each other's answers: slots wait for each other
 only at its end, and progress is still told often."""
 
+FAILS = 0.98
+"""Prior that what a search begins with fails: it was confirmed, or minimised."""
+
+SURE = 0.95
+"""Confidence that ends one search; later checks find mistakes. More costs trials, less errs on flaky units."""
+
 
 def scalar_key(value: Setting) -> Hashable:
     """Return a key equal exactly for bit-identical values (NaN equals itself, -0.0 is not 0.0, True is not 1)."""
@@ -44,13 +50,10 @@ class BudgetSpentError(Exception):
 class Trials(Generic[QuestionT]):
     """Trials of a search: asks each time by a fresh trial, decides from all answers, and learns their reliability.
 
+    All methods that ask raise BudgetSpentError if there are no trials left for it.
+
     Args:
-        ask: The batch oracle.
         key: Function whose result is equal for questions that are the same.
-        noise: Knowledge about the rates of failures and of false ones.
-        budget: Maximum number of trials.
-        parallelism: Questions worth asking in one batch.
-        progress: Called after every batch.
     """
 
     def __init__(
@@ -86,18 +89,10 @@ class Trials(Generic[QuestionT]):
         doing: str,
         told: Sequence[tuple[int, bool]] = (),
     ) -> int:
-        """Return the hypothesis that a `FlipSearch` finds.
+        """Return the hypothesis that a `FlipSearch` over prior weights finds.
 
-        Args:
-            masses: Prior weights of the hypotheses.
-            at: Gives the input at a position of the chain.
-            rises: Whether inputs trigger the failure from the flip on.
-            sure: Probability that ends the search.
-            doing: Name of the current step, for `progress`.
-            told: Positions that `ask` has already answered, with whether they failed.
-
-        Raises:
-            BudgetSpentError: There are no trials left for it.
+        `at` gives the input at a position; inputs trigger the failure from the flip on if it `rises`, else before it.
+        `told` are positions that `ask` has already answered, with whether they failed.
         """
         search = FlipSearch(masses, self.noise, rises=rises)
         for position, failed in told:
@@ -121,16 +116,8 @@ class Trials(Generic[QuestionT]):
     ) -> list[float]:
         """Return for each question the probability that it triggers the failure.
 
-        Args:
-            questions: Questions that differ from each other.
-            prior: Probability before any trial; one for all questions, or one for each.
-            doubt: A probability below this, or above one minus this, decides.
-            doing: Name of the current step, for `progress`.
-            least: Minimum number of trials of each question, including earlier ones.
-            first: Whether to stop at the first question found to trigger the failure; later ones may stay undecided.
-
-        Raises:
-            BudgetSpentError: There are no trials left for it.
+        Questions differ from each other; each needs at least `least` trials, earlier ones included. A probability below
+        `doubt`, or above 1 - doubt, decides. With `first`, it stops at the first question that is found to trigger it.
         """
         searches = []
         priors = [prior] * len(questions) if isinstance(prior, float) else prior
@@ -157,19 +144,10 @@ class Trials(Generic[QuestionT]):
         return chances
 
     def require(self, question: QuestionT, *, prior: float, doubt: float, doing: str, what: str, so: str) -> None:
-        """Raise an error unless a question triggers the failure.
-
-        Args:
-            question: Question that has to trigger it.
-            prior: Probability before any trial.
-            doubt: A probability below this, or above one minus this, decides.
-            doing: Name of the current step, for `progress`.
-            what: Name of the question, for the error.
-            so: Consequence if it does not trigger the failure, for the error.
+        """Raise an error, which says `what` does not trigger the failure, `so` what follows, unless a question does.
 
         Raises:
             InconclusiveError: It probably does not trigger the failure.
-            BudgetSpentError: There are no trials left for it.
         """
         if self.triggers([question], prior=prior, doubt=doubt, doing=doing)[0] < 0.5:
             failed, passed = self.counts(question)
@@ -181,20 +159,8 @@ class Trials(Generic[QuestionT]):
     def decide(
         self, questions: Sequence[QuestionT], *, doubt: float, doing: str, priors: Sequence[float] | None = None
     ) -> list[bool]:
-        """Return for each question whether it triggers the failure; equal ones are decided together.
-
-        It is not known how many of them do, so their trials say nothing about the rates.
-
-        Args:
-            questions: Questions, of which some may be equal.
-            doubt: Maximum probability that an answer is wrong.
-            doing: Name of the current step, for `progress`.
-            priors: Probability of each one to trigger it before any trial; None if nothing is known.
-
-        Raises:
-            BudgetSpentError: There are no trials left for it.
-        """
-        known = self.noise
+        """Return for each question whether it triggers the failure; equal ones are decided together."""
+        known = self.noise  # it is not known how many of them do, so their trials say nothing about the rates
         by_key = {self._key(question): question for question in questions}
         likely = dict(zip(map(self._key, questions), priors or [0.5] * len(questions), strict=True))
         prior = [likely[key] for key in by_key]
@@ -211,11 +177,7 @@ class Trials(Generic[QuestionT]):
         return min(waves * self.parallelism, left)
 
     def ask(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:
-        """Return whether one fresh trial of each question failed, for the first ones that fit in one batch.
-
-        Raises:
-            BudgetSpentError: There are no trials left for it.
-        """
+        """Return whether one fresh trial of each question failed, for the first ones that fit in one batch."""
         return self._asked(questions[: self._batch()], doing)
 
     def _asked(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:

@@ -13,8 +13,7 @@ import numpy as np
 from riot_bus.generalize.beam import Learnt
 from riot_bus.generalize.expressions import Array
 from riot_bus.generalize.features import Feature
-from riot_bus.generalize.literals import compare
-from riot_bus.generalize.margins import WRAPS
+from riot_bus.generalize.literals import WRAPS, compare
 from riot_bus.generalize.numbers import between, logarithmic, number_bits, step
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, changed, columns_of, row_of
@@ -33,16 +32,7 @@ LONGEST_TEXT = 1 << 16  # both sides of a limit of 16 bits can be tried; longer 
 
 
 def decisive(rule: Rule, columns: Mapping[str, Array], failed: Array) -> list[int]:
-    """Return the samples that a rule gets right, and on which it depends so much that one wrong answer would change it.
-
-    They are failing ones that alone support a term, passing ones that alone support a literal, and passing ones next to
-    its limit.
-
-    Args:
-        rule: Rule that was learnt from the samples.
-        columns: One array per variable; shape (samples,).
-        failed: Whether each sample failed; shape (samples,).
-    """
+    """Return samples that a rule gets right, and on which it depends so much that one wrong answer would change it."""
     predicted = rule.predict(columns)
     passing = ~failed & ~predicted
     held = [Rule((term,)).predict(columns) for term in rule.terms]
@@ -57,10 +47,7 @@ def decisive(rule: Rule, columns: Mapping[str, Array], failed: Array) -> list[in
 
 
 def around(members: Sequence[int]) -> list[int]:
-    """Return whole numbers that may belong to a set of some as well: beside each, between them, and up to twice them.
-
-    Enumerations are counted on, have gaps, or are powers of two.
-    """
+    """Return whole numbers that may belong to an enumeration of some: beside each, between, and up to twice them."""
     least, most = min(members), max(members)
     beside = {member + step for member in members for step in (-1, 1)}
     double = {2 * member for member in members} | {2 * member + 1 for member in members}
@@ -82,10 +69,7 @@ def widen(table: Table, learnt: Learnt) -> Learnt:
 
 
 def narrowed(table: Table, learnt: Learnt) -> Learnt | None:
-    """Return the rule with its thresholds adjusted to all trials; None if trials contradict it.
-
-    This costs a fraction of learning the rule again, and most trials of a nearly right rule do not contradict it.
-    """
+    """Return the rule with its thresholds adjusted to all trials; None if trials contradict it."""
     columns = table.columns
     failed = table.outcomes
     found = _between(learnt, columns, failed, _maybe)
@@ -126,13 +110,7 @@ def _all(term: Sequence[Candidate], columns: Mapping[str, Array], holds: _Holds)
 
 
 def _surely(candidate: Candidate, columns: Mapping[str, Array], *, outer: bool = False) -> Array:
-    """Return where a literal holds with its threshold at the inner end of its interval, as the learner took it.
-
-    Args:
-        candidate: Literal with the interval of its threshold.
-        columns: One array per variable.
-        outer: Whether to take the outer end of the interval instead.
-    """
+    """Return where a literal holds with its threshold at the inner end of its interval, as learnt, or at the outer."""
     values = candidate.feature.values(columns)
     if candidate.operator not in ("<", ">") or values is None:
         return concrete(candidate).holds(columns)
@@ -144,10 +122,7 @@ _maybe = partial(_surely, outer=True)
 
 
 def _without_idle(terms: list[list[Candidate]], columns: Mapping[str, Array]) -> tuple[tuple[Candidate, ...], ...]:
-    """Return the terms without literals that decide no sample, longest first, and x for abs(x) if that suffices.
-
-    A literal of all terms stays in all of them if it decides in one: it is written once.
-    """
+    """Return the terms without literals that decide no sample, longest first, and x for abs(x) if that suffices."""
     held: dict[Candidate, Array] = {one: concrete(one).holds(columns) for term in terms for one in term}
     for term in terms:
         for place, candidate in enumerate(term):
@@ -186,18 +161,7 @@ def probe_threshold(
     turn: int,
     known: Callable[[Assignment], bool] = lambda _: False,
 ) -> Assignment | None:
-    """Return a trial that narrows the threshold of one literal, None when it is as exact as trials can make it.
-
-    Takes turns between halving the interval and testing the simplest number in it from both sides.
-
-    Args:
-        table: The trials so far.
-        learnt: Rule with the intervals of its thresholds.
-        place: Index of the term, and of the literal in it.
-        chance: Source of randomness.
-        turn: Number of probes of this literal so far.
-        known: Whether a trial was made already.
-    """
+    """Return a trial that narrows the threshold of the literal at a place (index of the term, and in it), if any."""
     candidate = learnt.terms[place[0]][place[1]]
     low, high = candidate.outside, candidate.inside
     if not isinstance(low, int | float) or not isinstance(high, int | float) or candidate.operator not in "<>":
@@ -290,10 +254,7 @@ def _repaired(table: Table, learnt: Learnt, place: tuple[int, int], options: Seq
 
 
 def _bases(table: Table, learnt: Learnt, place: tuple[int, int], chance: random.Random) -> list[Assignment]:
-    """Return the samples nearest to the threshold on both sides, and a few others that satisfy the rest of the term.
-
-    Passing ones come first: a failing one may fail because of another term whose limits are not exact yet.
-    """
+    """Return the samples nearest to the threshold on both sides, and a few others that satisfy the rest of the term."""
     candidate = learnt.terms[place[0]][place[1]]
     values = table.values(candidate.feature)
     usable = without(learnt, place).predict(table.columns)

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from riot_bus.generalize.oracle import BudgetSpentError, Trials, assignment_key, same_scalar, scalar_key
+from riot_bus.generalize.oracle import FAILS, SURE, BudgetSpentError, Trials, assignment_key, same_scalar, scalar_key
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.message import Scalar
 from riot_bus.vocabulary.trial import Ask, Progress
@@ -29,28 +29,6 @@ PASSING_STRAIGHT = 12
 
 BUDGET = 1000
 """Trials at most: enough for three of 5,000 fields, failing three times in ten (about 500)."""
-
-_FAILS = 0.98
-"""Prior that the failing log fails: it was minimised."""
-
-_SURE = 0.95
-"""Confidence that ends one search. More of it costs reliable units trials; with 0.9, flaky ones find wrong fields."""
-
-_EARLY = 15
-"""Draws in a row after which certificates are confirmed for the first time: rates of failure are better known by then,
-and a wrong field that is dropped makes only so many draws needless."""
-
-_DOUBTED = 0.02
-"""Probability that one side of a certificate is wrong, above which it is asked again."""
-
-_START = 0.01
-"""Prior that the start of a search is not what it was found to be."""
-
-_UNCONFIRMED = 0.2
-"""Prior that a certificate does not hold: more doubt than searches leave, since at first they know little of rates."""
-
-ALTERNATIVE_CAUSES = 8
-"""Maximum number of fields included because they break a passing trial (a unit may crash on any field)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,16 +107,8 @@ def relevant_fields(
     still pass (it finds the partner of a field whose exceptional value hides it, such as y in x * y > limit with
     x = INT_MAX).
 
-    Args:
-        fields: All fields of the minimal log, with distinct names.
-        ask: Each question assigns a value to every field, and is each time a fresh trial; True = failed with the same
-            signature.
-        seed: Seed of all random draws.
-        straight: Draws in a row without effect that end the search.
-        noise: Knowledge about the failure rates.
-        budget: Maximum number of trials; once they are spent, the fields found so far are the result.
-        parallelism: Questions worth asking in one batch.
-        progress: Called after every batch.
+    Each question assigns a value to every field, and is each time a fresh trial; True = failed with the same signature.
+    Once the budget of trials is spent, the fields found so far are the result.
 
     Raises:
         InconclusiveError: If the failing assignment does not fail.
@@ -152,7 +122,7 @@ def relevant_fields(
     try:
         what, so = "the failing log", "no field can be called relevant"
         doing = "checking the failing values"
-        trials.require(search.failing, prior=_FAILS, doubt=DOUBT, doing=doing, what=what, so=so)
+        trials.require(search.failing, prior=FAILS, doubt=DOUBT, doing=doing, what=what, so=so)
         search.heal()
         search.resample(straight, failing=True)
         if search.found:
@@ -221,14 +191,14 @@ class _Search:
                 # What is left of a draw, once the fields that it shows are held, is one without effect.
                 unchanged, taken = (1 if shown else unchanged + 1), taken + shown
                 if failing and (
-                    base is not self.failing or (unchanged >= min(_EARLY, straight) and self.drop_unconfirmed())
+                    base is not self.failing or (unchanged >= min(15, straight) and self.drop_unconfirmed())
                 ):
                     unchanged = 0
                 if failing:
                     self.straight = unchanged
                 if shown or not unchanged:
                     break
-            if not failing and taken >= ALTERNATIVE_CAUSES:
+            if not failing and taken >= 8:  # a unit may crash on any field
                 return
 
     @property
@@ -241,8 +211,8 @@ class _Search:
         dropped = False
         for name, field in list(self.found.items()):
             sides, doing = (field.certificate.failing, field.certificate.passing), "confirming certificates"
-            for side, prior in zip(sides, (1 - _UNCONFIRMED, _UNCONFIRMED), strict=True):
-                (chance,) = self.trials.triggers([side], prior=prior, doubt=_DOUBTED, doing=doing)
+            for side, prior in zip(sides, (0.8, 0.2), strict=True):
+                (chance,) = self.trials.triggers([side], prior=prior, doubt=0.02, doing=doing)
                 if (chance > 0.5) is not (prior > 0.5):
                     del self.found[name]
                     dropped, self.straight = True, 0
@@ -268,12 +238,7 @@ class _Search:
     ) -> str | None:
         """Find one field between two assignments whose outcomes differ; None if they do not.
 
-        Args:
-            start: Assignment whose outcome is known.
-            end: Assignment with one answered trial.
-            failing: Whether `start` triggers the failure.
-            answer: Whether the trial of `end` failed.
-            unchanged: Prior that the outcomes do not differ.
+        Whether `start` triggers the failure is known, and one trial of `end`; `unchanged`: the prior of no difference.
         """
         changed = [name for name in self.fields if not same_scalar(start[name], end[name])]
         if not changed:
@@ -292,9 +257,9 @@ class _Search:
 
         masses = [self.prior[name] for name in changed]
         total = sum(masses)
-        masses = [_START * total, *masses, total * unchanged / (1 - unchanged)]
+        masses = [0.01 * total, *masses, total * unchanged / (1 - unchanged)]
         doing = f"bisecting {len(changed)} fields"
-        length = self.trials.flip(masses, at, rises=not failing, sure=_SURE, doing=doing, told=told)
+        length = self.trials.flip(masses, at, rises=not failing, sure=SURE, doing=doing, told=told)
         if length == 0:
             self._disown(start, failing=failing)
         if not 0 < length <= len(changed):

@@ -35,10 +35,7 @@ class Rule:
         return Rule(tuple(tuple(map(other, term)) for term in self.terms))
 
     def predict(self, columns: Mapping[str, Array]) -> Array:
-        """Return for each row whether the failure is predicted.
-
-        Args:
-            columns: One array of equal length per variable; strings and bytes as object arrays.
+        """Return for each row whether the failure is predicted; columns of strings and bytes are object arrays.
 
         Raises:
             ConfigError: If a variable has no column.
@@ -53,10 +50,6 @@ class Rule:
 
         The second is whether values of these variables are possible with which the failure is predicted; each literal
         that reads one counts as open, even where two of them exclude each other.
-
-        Args:
-            columns: One array per known variable.
-            rows: Length of the columns.
         """
         sure, possible = np.zeros(rows, dtype=bool), np.zeros(rows, dtype=bool)
         for term in self.terms:
@@ -71,10 +64,6 @@ class Rule:
         """Return how far each row is from the predicted failure: negative inside, never NaN, at most 1e18 in size.
 
         It is the largest over the literals of a term and the smallest over the terms: an objective for an optimiser.
-
-        Args:
-            columns: One array of equal length per variable.
-            scale: Nominal spread of each variable, the unit of the distance.
 
         Raises:
             ConfigError: If a variable has no column.

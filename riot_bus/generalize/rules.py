@@ -8,30 +8,23 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from riot_bus.generalize.beam import Learnt, learn, learn_guarded
+from riot_bus.generalize.beam import ERROR_BITS, Learnt, learn, learn_guarded
+from riot_bus.generalize.draws import Draws
 from riot_bus.generalize.edges import Flip, edges_of, farther_base, linear_features, middle_of
 from riot_bus.generalize.expressions import Array
 from riot_bus.generalize.features import casts_of
 from riot_bus.generalize.literals import Literal
-from riot_bus.generalize.oracle import WAVES, assignment_key, same_scalar
-from riot_bus.generalize.refine import around, decisive, inversions, narrowed, probe_threshold, widen
+from riot_bus.generalize.oracle import assignment_key, same_scalar
+from riot_bus.generalize.questions import AskExpecting, Questions, Sample
+from riot_bus.generalize.refine import around, narrowed, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
-from riot_bus.generalize.sampling import (
-    Assignment,
-    Sampler,
-    Variable,
-    changed,
-    columns_of,
-    fitted,
-    integer_range,
-    row_of,
-)
+from riot_bus.generalize.sampling import Assignment, Variable, changed, columns_of, fitted, integer_range, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.validation import Estimate, near_limits, scores
 from riot_bus.vocabulary.elements import Setting
@@ -39,59 +32,10 @@ from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.message import Scalar
 from riot_bus.vocabulary.trial import Ask, Progress
 
-COMMITTEE = 4
-POOL = 240
-SURFACES = 60
-CONDITIONS = 3
-VALIDATIONS = 3
-MORE = 2
-"""After a validation that shows mistakes, the budget grows by the initial one divided by this."""
 DOUBTFUL_BITS = 22.0
 """A rule of two plain thresholds is shorter than this; longer ones may stand for a linear feature."""
-ALTERNATIVE_BITS = 6.0
-"""A rule that is longer by more than this, half of what one wrong sample costs, is no alternative."""
-DECISIONS = 4
-"""Largest number of times that a rule is compared with its alternatives: each answer may leave another one, and each
-time costs a trial for each of them, rarely more than two."""
-MOST_PLAIN_TERMS = 2
-"""A rule of more terms may stand for a cast, whose comparisons hold periodically."""
-GUESSED = ("explore",)
-"""Phases whose answers the rule may predict: not those where rules disagree or at limits, nor those that judge it."""
-_REPEATED = 3
-"""How often a case that a rule gets wrong counts in addition: three or four literals more are worth it."""
 _SMALL = 16
 """A limit of whole numbers up to this may be one of an enumeration, which goes on, or has gaps, beyond it."""
-_EXPLORED = 2
-"""Explorations for each time that the rule is learnt: with one variable changed, and with all."""
-FAILS = 0.98
-"""Prior that the failing values fail: the log was minimised with them."""
-REVISED = 8
-"""Maximum number of samples that a rule gets wrong and that are asked again at once; with more, the rule is wrong."""
-MOST_REVISIONS = 40
-"""Maximum number of revisions; more trials would not resolve what is still in doubt."""
-DOUBT = 0.06
-"""A rule is always expected to be wrong in at least one of sixteen new questions, so each takes a few trials."""
-CASTS_AFTER = 0.3
-"""Casts are sought after this share of the budget: by then enough trials have failed to distinguish so many terms."""
-LINES_AFTER = 0.4
-"""Edges are sought after this part of the budget: rules without coefficients are found by then."""
-
-
-AskExpecting = Callable[[Sequence[Mapping[str, Setting]], Sequence[float]], Sequence[bool]]
-"""Like `Ask`, with the probability that each question is answered by True; it may be asked the same again."""
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """One trial of the rule search.
-
-    `phase` is "start", "explore", "committee", "threshold", "validate", "decide" (between rules that explain all trials
-    before) or "context" (variables outside of the rule have other values, too).
-    """
-
-    assignment: Mapping[str, Setting]
-    failed: bool
-    phase: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,14 +51,11 @@ class LearnedRule:
     """A rule and how well it did on fresh trials that it was not learnt from.
 
     Attributes:
-        rule: The rule.
         precision: Share of the predicted failures that fail, on the distribution stated in `validation`.
         recall: Share of the failures that are predicted, on that distribution.
         balanced_accuracy: Mean of recall and of the share of passing cases that are predicted; None if no fresh trial
             failed, or none passed.
         checks: Number of fresh trials behind these rates.
-        samples: All trials, each with its values and whether it failed.
-        trials: Number of trials.
         alternatives: At most two rules that the trials do not distinguish from this one.
         varied_mistakes: Number of fresh trials with other values of variables outside of the rule that it gets wrong.
         varied_checks: Number of such trials.
@@ -175,23 +116,24 @@ def learn_rule(
         if progress is not None:
             progress(done, budget + validation, f"rules: {phase}")
 
-    search = _Search(variables, ask, expecting, told, seed=seed, budget=budget, parallelism=max(1, parallelism))
+    questions = Questions(variables, ask, expecting, told, budget=budget, parallelism=max(1, parallelism))
+    search = _Search(questions, random.Random(seed))  # noqa: S311 - not for secrets
     with _one_thread():
         search.start()
         checked: list[Sample] = []
-        for left in reversed(range(VALIDATIONS)):
+        for left in reversed(range(3)):
             search.refine()
-            while search.settle():
+            while questions.settle():
                 search.refine()
             checked = search.validate(validation, context)
-            if checked and search.revise(search.best):
-                checked = search.samples[-len(checked) :]
+            if checked and questions.revise(search.best):
+                checked = questions.samples[-len(checked) :]
             # more trials of these variables cannot show what the context does
-            wrong = search.mistakes([sample for sample in checked if sample.phase != "context"])
+            wrong = questions.mistakes([sample for sample in checked if sample.phase != "context"])
             # a rule that a decision changes needs another validation
             if not wrong and not (left and validation and search.decide()):
                 break
-            search.budget += budget // MORE
+            questions.budget += budget // 2
         return search.result(checked)
 
 
@@ -215,7 +157,7 @@ def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
         columns = table.columns
         literals = {candidate: None for term in best.terms for candidate in term}
         # A second limit may be no flip among all samples, but is among those for which one literal of the rule holds.
-        for literal in list(literals)[:CONDITIONS]:
+        for literal in list(literals)[:3]:
             more, held = table.conditional(concrete(literal).holds(columns))
             candidates, masks = [*candidates, *more], np.vstack([masks, held])
         more_of = learn(candidates, masks, failed)
@@ -227,11 +169,11 @@ def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
 def consistent(table: Table, learnt: Learnt) -> Learnt | None:
     """Return a rule, or the one that is given, that gets no trial wrong; None if none is found.
 
-    Seldom cases cost less than the literals that they need; each counts several times here.
+    Seldom cases cost less than the literals that they need; each counts three times more here, worth three or four.
     """
     failed = table.outcomes
     columns = table.columns
-    again = np.flatnonzero(learnt.rule.predict(columns) != failed).repeat(_REPEATED)
+    again = np.flatnonzero(learnt.rule.predict(columns) != failed).repeat(3)
     if not len(again):
         return learnt
     candidates, masks = table.candidates()
@@ -253,128 +195,21 @@ def _doubtful(best: Learnt) -> bool:
 
 
 class _Search:
-    """The state of one run of `learn_rule`."""
+    """Learns the rule and chooses what to ask next; `best` is the present rule with the intervals of its thresholds."""
 
-    def __init__(
-        self,
-        variables: Sequence[Variable],
-        ask: Ask[Mapping[str, Setting]],
-        expecting: AskExpecting | None,
-        told: Callable[[int, str], None],
-        *,
-        seed: int,
-        budget: int,
-        parallelism: int,
-    ) -> None:
-        self.variables = tuple(variables)
-        self._plain = ask
-        self._expecting = expecting
-        self._told = told
-        self._asked: set[Hashable] = set()
-        self.budget = budget
-        self.parallelism = parallelism
-        self.random = random.Random(seed)  # noqa: S311 - not for secrets
-        self.sampler = Sampler(variables)
-        self.table = Table(variables)
-        self.samples: list[Sample] = []
-        self.spent = 0
+    def __init__(self, questions: Questions, chance: random.Random) -> None:
+        self.questions, self.table, self.variables = questions, questions.table, questions.variables
+        self.ask, self.known = questions.ask, questions.known
+        self.draws, self.random = Draws(questions, chance), chance
+        self.sampler = self.draws.sampler
         self.best = Learnt((), 0.0, 0)
-        self.rule = Rule(())
         self.share = 0.0
-        self.guesses = self.wrong_guesses = self.revisions = 0
-        self.owed, self.turn = 0, False
-        self.sought = self.cast = False
-        self.turns: dict[object, int] = {}
-        self.mirrored: set[object] = set()
-        self.completed: set[object] = set()
-        self.anchors: list[dict[str, Setting]] = []
-        self.decks: dict[object, list[dict[str, Setting]]] = {}
-
-    # -- asking ---------------------------------------------------------------------------------------------------
-
-    def ask(self, questions: Sequence[Assignment], phase: str) -> list[Sample]:
-        """Ask what was not asked yet (within the budget, validation aside) and learn the outcomes."""
-        return self.ask_at_once({phase: questions})
-
-    def ask_at_once(self, questions: Mapping[str, Sequence[Assignment]]) -> list[Sample]:
-        """Ask questions of several phases, which then share batches; see `ask`."""
-        fresh: dict[Hashable, tuple[Assignment, str]] = {}
-        for phase, ones in questions.items():
-            for one in ones:
-                if not self._known(one):
-                    fresh.setdefault(assignment_key(one), (one, phase))
-        new = list(fresh.values())
-        if not questions.keys() & {"validate", "context", "decide"}:
-            new = new[: max(0, self.budget - self.spent)]
-            self.spent += len(new)
-        asked: list[Sample] = []
-        guessed = not questions.keys().isdisjoint(GUESSED)
-        at_once = (1 if guessed else WAVES) * self.parallelism  # what was wrong changes further guesses
-        for first in range(0, len(new), at_once):
-            batch = new[first : first + at_once]
-            guesses = self._guesses(batch)
-            assignments = [one for one, _ in batch]
-            answers = self._expecting(assignments, guesses) if self._expecting else self._plain(assignments)
-            if len(answers) != len(batch):
-                raise InconclusiveError(f"{len(batch)} trials were asked for, but {len(answers)} outcomes came back")
-            for (one, phase), guess, answer in zip(batch, guesses, answers, strict=True):
-                asked.append(Sample(one, bool(answer), phase))
-                if self.rule.terms and phase in GUESSED:
-                    self.guesses += 1
-                    self.wrong_guesses += (guess > 0.5) != asked[-1].failed
-            self._asked.update(map(assignment_key, assignments))
-            self._told(len(self._asked), batch[-1][1])
-        self.samples += asked
-        if "context" in questions:
-            return asked
-        self.table.add([sample.assignment for sample in asked], [sample.failed for sample in asked])
-        return asked
-
-    def revise(self, learnt: Learnt) -> bool:
-        """Ask again what a rule gets wrong, if answers may be wrong; return whether any answer has changed."""
-        if not learnt.terms:
-            return False
-        said = learnt.rule.predict(columns_of(self.variables, [one.assignment for one in self.samples])).tolist()
-        return self._change([n for n, one in enumerate(self.samples) if one.failed != said[n]][:REVISED])
-
-    def settle(self) -> bool:
-        """Ask again what the rule depends on, if answers may be wrong; return whether any answer has changed."""
-        rows = [n for n, one in enumerate(self.samples) if one.phase != "context"]
-        columns = columns_of(self.variables, [self.samples[n].assignment for n in rows])
-        failed = np.array([self.samples[n].failed for n in rows], dtype=bool)
-        return bool(self.rule.terms) and self._change([rows[n] for n in decisive(self.rule, columns, failed)])
-
-    def _change(self, numbers: Sequence[int]) -> bool:
-        """Ask for samples as if the opposite of their answers were likely; return whether any answer has changed."""
-        if self._expecting is None or self.revisions >= MOST_REVISIONS:
-            return False
-        self.revisions += 1
-        guesses = [DOUBT if self.samples[n].failed else 1 - DOUBT for n in numbers]
-        answers = self._expecting([self.samples[n].assignment for n in numbers], guesses) if numbers else ()
-        changed = [n for n, answer in zip(numbers, answers, strict=True) if bool(answer) != self.samples[n].failed]
-        rows = [n for n, one in enumerate(self.samples) if one.phase != "context"]
-        for n in changed:
-            self.samples[n] = replace(self.samples[n], failed=not self.samples[n].failed)
-            if self.samples[n].phase != "context":
-                self.table.failed[rows.index(n)] = self.samples[n].failed
-        return bool(changed)
-
-    def _said(self, assignments: Iterable[Assignment]) -> Array:
-        """Return for each assignment whether the present rule predicts the failure."""
-        return self.rule.predict(columns_of(self.variables, list(assignments)))
-
-    def _guesses(self, questions: Sequence[tuple[Assignment, str]]) -> list[float]:
-        """Return how likely questions are to fail, by the rule and by how often it has been right before."""
-        if not self._asked:
-            return [FAILS]
-        if not self.rule.terms:
-            return [0.5] * len(questions)
-        doubt = min(0.5, max(DOUBT, (self.wrong_guesses + 1) / (self.guesses + 2)))
-        chances = [1 - doubt if fails else doubt for fails in self._said(one for one, _ in questions)]
-        return [chance if phase in GUESSED else 0.5 for chance, (_, phase) in zip(chances, questions, strict=True)]
-
-    def _known(self, question: Assignment) -> bool:
-        return assignment_key(question) in self._asked
+        self._owed, self._turn = 0, False
+        self._sought = self._cast = False
+        self._turns: dict[object, int] = {}
+        self._turned: set[object] = set()
+        self._completed: set[object] = set()
+        self._anchors: list[dict[str, Setting]] = []
 
     def start(self) -> None:
         """Ask the failing and nominal values, each variable's known values alone, and a first spread of draws."""
@@ -388,37 +223,13 @@ class _Search:
         for variable in self.variables:
             healing = [value for value in variable.passing if value != variable.failing]
             others += [{**failing, variable.name: value} for value in healing[:2]]
-        nominal = [self._nominal() for _ in range(2)]
-        self.anchors = [failing, *nominal]
+        nominal = [self.draws.nominal() for _ in range(2)]
+        self._anchors = [failing, *nominal]
         self.ask([*others, *nominal], "start")
-        self.ask([self._alone(nominal[0]) for _ in range(max(self.budget // 8, 2 * len(self.variables)))], "start")
-        self.ask([self._alone(failing) for _ in range(self.budget // 10)], "start")
-        self.ask([self.sampler.assignment(self.random) for _ in range(self.budget // 8)], "explore")
-
-    def _alone(self, base: Assignment) -> Assignment:
-        """Return the base with one variable at its next known value, the most exceptional values first."""
-        key = assignment_key(base)
-        if key not in self.decks:
-            cards = []
-            for variable in self.variables:
-                values = sorted(self.sampler.known[variable.name], key=lambda _: self.random.random())
-                values.sort(key=lambda value: value == value)  # NaN, which no comparison notices, comes first
-                cards += [(rank, {**base, variable.name: value}) for rank, value in enumerate(values)]
-            self.decks[key] = [card for _, card in sorted(cards, key=lambda card: -card[0])]
-        deck = self.decks[key]
-        while deck:
-            card = deck.pop()
-            if not self._known(card):
-                return card
-        return self._explore()
-
-    def _nominal(self) -> dict[str, Setting]:
-        return {
-            variable.name: self.random.choice(variable.nominal or variable.passing or (variable.failing,))
-            for variable in self.variables
-        }
-
-    # -- learning -------------------------------------------------------------------------------------------------
+        budget = self.questions.budget
+        self.ask([self.draws.alone(nominal[0]) for _ in range(max(budget // 8, 2 * len(self.variables)))], "start")
+        self.ask([self.draws.alone(failing) for _ in range(budget // 10)], "start")
+        self.ask([self.sampler.assignment(self.random) for _ in range(budget // 8)], "explore")
 
     def refine(self) -> None:
         """Learn and ask until the committee agrees and every threshold is exact, or the budget is spent."""
@@ -427,16 +238,17 @@ class _Search:
         settled = False
         while True:
             failed = self.table.outcomes
-            kept = narrowed(self.table, self.best) if settled and self.spent < self.budget else None
+            left = self.questions.budget - self.questions.spent
+            kept = narrowed(self.table, self.best) if settled and left > 0 else None
             if kept is not None:
                 best, (candidates, masks) = kept, self.table.candidates()
             else:
                 best, candidates, masks = learn_from(self.table)
-                if best.mistakes and self.revise(best):
+                if best.mistakes and self.questions.revise(best):
                     continue
             self.best = best
-            self.rule = best.rule
-            if self.spent >= self.budget:
+            self.questions.rule = best.rule
+            if left <= 0:
                 self._without_mistakes()
                 return
             settled = best.shape == before
@@ -458,42 +270,43 @@ class _Search:
             more = [*members, *self._mirrored(best)] if settled else []
             asked = {"committee": questions, "threshold": [*narrow, *more]}
             if not settled or not questions or not narrow:
-                self.owed += _EXPLORED
-            self.ask_at_once({**asked, "explore": self._explorations(sum(map(len, asked.values())))})
+                self._owed += 2  # with one variable changed, and with all
+            self.questions.ask_at_once({**asked, "explore": self._explorations(sum(map(len, asked.values())))})
 
     def _explorations(self, beside: int) -> list[Assignment]:
         """Return as many explorations as fill the rounds of trials at once; those that are left are asked later."""
-        rounds = max(1, (beside + self.owed) // self.parallelism)
-        count = max(0, rounds * self.parallelism - beside)
-        self.owed = max(0, self.owed - count)
+        rounds = max(1, (beside + self._owed) // self.questions.parallelism)
+        count = max(0, rounds * self.questions.parallelism - beside)
+        self._owed = max(0, self._owed - count)
         explorations = []
         for _ in range(count):
-            self.turn = not self.turn
-            explorations.append(self._alone(self.random.choice(self.anchors)) if self.turn else self._explore())
+            self._turn = not self._turn
+            draws = self.draws
+            explorations.append(draws.alone(self.random.choice(self._anchors)) if self._turn else draws.explore())
         return explorations
 
     def _without_mistakes(self) -> None:
         """Take the simplest rule without mistakes, if there is one: no further trials would show what was wrong."""
         other = consistent(self.table, self.best) if self.best.mistakes else None
         while other is not None:
-            self.best, self.rule = other, other.rule
+            self.best, self.questions.rule = other, other.rule
             if not self.ask(self._members(other), "threshold"):
                 return
             other = consistent(self.table, other)
             if other is None:  # what was just asked contradicts it
                 self.best = learn_from(self.table)[0]
-                self.rule = self.best.rule
+                self.questions.rule = self.best.rule
 
     def lines(self, best: Learnt) -> bool:
         """Look once for linear features, when no short rule explains what was seen; say whether there are new ones.
 
-        Edges are narrowed in the nominal case whose variables fail alone most often, and in one farther from those of
-        integers.
+        By then rules without coefficients are found. Edges are narrowed in the nominal case whose variables fail alone
+        most often, and in one farther from those of integers.
         """
-        if self.sought or not _doubtful(best) or self.spent < LINES_AFTER * self.budget:
+        if self._sought or not _doubtful(best) or self.questions.spent < 0.4 * self.questions.budget:
             return False
-        self.sought = True
-        base = self.anchors[1]
+        self._sought = True
+        base = self._anchors[1]
         edges = self._edges(base)
         farther = farther_base(edges, base, {variable.name: variable.type for variable in self.variables})
         return self.table.include([*linear_features(edges), *linear_features(self._edges(farther) if farther else ())])
@@ -522,11 +335,14 @@ class _Search:
                 return edges
 
     def casts(self, best: Learnt) -> bool:
-        """Look once for casts to smaller integers, when no rule of few terms explains what was seen; say if any."""
-        plain = not best.mistakes and len(best.terms) <= MOST_PLAIN_TERMS
-        if self.cast or plain or self.spent < CASTS_AFTER * self.budget:
+        """Look once for casts to smaller integers, when no rule of few terms explains what was seen; say if any.
+
+        Casts hold periodically, so a rule of more terms may stand for one; by then enough trials have failed for them.
+        """
+        plain = not best.mistakes and len(best.terms) <= 2
+        if self._cast or plain or self.questions.spent < 0.3 * self.questions.budget:
             return False
-        self.cast = True
+        self._cast = True
         found = casts_of({variable.name: variable.type for variable in self.variables})
         self.table.include(found)
         return bool(found)
@@ -538,7 +354,7 @@ class _Search:
         members = [(best, 2.0)]
         features = sorted({candidate.feature for candidate in candidates})
         used = sorted({candidate.feature for term in best.terms for candidate in term})
-        for member in range(COMMITTEE):
+        for member in range(4):
             dropped = set(self.random.sample(features, len(features) // 3))
             if used:
                 dropped.add(used[member % len(used)])
@@ -549,7 +365,7 @@ class _Search:
             members.append((rival, 1.0 if not rival.mistakes else 0.3 / rival.mistakes))
         # At the limits of the members themselves two rules that are alike, such as hypot and max(abs), differ.
         own = [candidate for learnt, _ in members for term in learnt.terms for candidate in term]
-        pool = [*self._pool(), *self._surfaces(candidates), *self._surfaces(list(dict.fromkeys(own)))]
+        pool = [*self.draws.pool(), *self.draws.surfaces(candidates), *self.draws.surfaces(list(dict.fromkeys(own)))]
         columns = columns_of(self.variables, pool)
         votes = [learnt.rule.predict(columns) for learnt, _ in members]
         weights = [weight for _, weight in members]
@@ -567,11 +383,11 @@ class _Search:
                 if candidate in shared:
                     continue
                 key = (candidate.feature, candidate.operator)
-                turn = self.turns.get(key, 0)
+                turn = self._turns.get(key, 0)
                 place = (row, column)
-                question = probe_threshold(self.table, best, place, self.random, turn=turn, known=self._known)
+                question = probe_threshold(self.table, best, place, self.random, turn=turn, known=self.known)
                 if question is not None:
-                    self.turns[key] = turn + 1
+                    self._turns[key] = turn + 1
                     shared.add(candidate)
                     found.append(question)
         return found
@@ -584,13 +400,13 @@ class _Search:
             rows = np.flatnonzero(self.table.outcomes & Rule((rule,)).predict(columns)).tolist()
             for candidate in term:
                 (name, *_), key = candidate.feature.args, (candidate.feature, candidate.operator)
-                if candidate.feature.kind != "raw" or candidate.operator not in ("<", ">") or key in self.mirrored:
+                if candidate.feature.kind != "raw" or candidate.operator not in ("<", ">") or key in self._turned:
                     continue
-                self.mirrored.add(key)
-                base = self.table.assignments[self.random.choice(rows)] if rows else self.anchors[0]
+                self._turned.add(key)
+                base = self.table.assignments[self.random.choice(rows)] if rows else self._anchors[0]
                 value = row_of(self.variables, base)[name]
                 moved = changed(self.variables, base, {name: -value}) if isinstance(value, int | float) else None
-                if moved is not None and not self._known(moved):
+                if moved is not None and not self.known(moved):
                     found.append(moved)
         return found
 
@@ -602,9 +418,9 @@ class _Search:
         for term in best.rule.terms:
             for place, literal in enumerate(term):
                 members = _counted(literal)
-                if not whole.issuperset(literal.feature.args) or (literal.feature, members) in self.completed:
+                if not whole.issuperset(literal.feature.args) or (literal.feature, members) in self._completed:
                     continue
-                self.completed.add((literal.feature, members))
+                self._completed.add((literal.feature, members))
                 if not members:
                     continue
                 rest = Rule((term[:place] + term[place + 1 :],)).predict(columns)
@@ -614,51 +430,17 @@ class _Search:
                 seen = set(columns[name][rows].tolist())
                 asked = [value for value in (*members, *around(members)) if value not in seen]
                 moved = (changed(self.variables, base, {name: value}) for value in asked)
-                found += [one for one in moved if one is not None and not self._known(one)]
+                found += [one for one in moved if one is not None and not self.known(one)]
         return found
-
-    def _pool(self) -> list[Assignment]:
-        """Return new assignments: draws from the mixture, and known samples with one or two variables redrawn."""
-        pool: list[Assignment] = [self.sampler.assignment(self.random) for _ in range(POOL // 2)]
-        bad = [one for one, failed in zip(self.table.assignments, self.table.failed, strict=True) if failed]
-        for _ in range(POOL // 2):
-            source = bad if self.random.random() < 0.5 else self.table.assignments
-            redrawn = dict(self.random.choice(source))
-            for variable in self.random.sample(self.variables, 1 if len(self.variables) < 3 else 2):
-                redrawn[variable.name] = self.sampler.value(variable, self.random)
-            pool.append(redrawn)
-        return [assignment for assignment in pool if not self._known(assignment)]
-
-    def _surfaces(self, candidates: Sequence[Candidate]) -> list[Assignment]:
-        """Return new assignments at the thresholds of features of several variables, seldom met by chance."""
-        several = [one for one in candidates if len(one.feature.args) > 1 and isinstance(one.inside, int | float)]
-        found: list[Assignment] = []
-        for candidate in self.random.sample(several, min(SURFACES, len(several))):
-            base = self.random.choice(self.table.assignments) if self.random.random() < 0.5 else self._nominal()
-            assert isinstance(candidate.inside, int | float)
-            if not math.isfinite(candidate.inside):
-                continue
-            row = row_of(self.variables, base)
-            change = self.random.choice(inversions(candidate.feature, row, candidate.inside) or [{}])
-            moved = changed(self.variables, base, dict(change))
-            if moved is not None:
-                found.append(moved)
-        return [assignment for assignment in found if not self._known(assignment)]
-
-    def _explore(self) -> Assignment:
-        pool = self._pool()
-        return pool[0] if pool else self.sampler.assignment(self.random)
-
-    # -- validation -----------------------------------------------------------------------------------------------
 
     def validate(self, count: int, context: Sequence[Variable]) -> list[Sample]:
         """Ask fresh cases of the distribution stated in `validation`, half of them inside the rule if possible."""
         near = near_limits(self.table, self.best, self.sampler, self.random, 10 * count)
         drawn = [self.sampler.assignment(self.random) for _ in range(len(near) or 10 * count)]
-        pool = [one for one in (*near, *drawn) if not self._known(one)]
+        pool = [one for one in (*near, *drawn) if not self.known(one)]
         if not pool or count < 1:
             return self._validate_known(count, context)
-        inside = self._said(pool)
+        inside = self.questions.said(pool)
         self.share = float(inside.mean())
         sides: tuple[dict[object, Assignment], dict[object, Assignment]] = ({}, {})
         for index in self.random.sample(range(len(pool)), len(pool)):
@@ -681,38 +463,36 @@ class _Search:
             if any(not same_scalar(others[each.name], each.failing) for each in context):
                 cases[assignment_key({**one, **others})] = {**one, **others}
         if cases:
-            self.share = float(self._said(cases.values()).mean())
+            self.share = float(self.questions.said(cases.values()).mean())
         return self.ask(list(cases.values()), "context")
-
-    def mistakes(self, checked: Sequence[Sample]) -> int:
-        """Return how many samples the present rule gets wrong."""
-        said = self._said(sample.assignment for sample in checked)
-        return sum(bool(one) != sample.failed for one, sample in zip(said, checked, strict=True))
 
     def result(self, checked: Sequence[Sample]) -> LearnedRule:
         """Return the rule with what the last validation said about it."""
-        predicted = self._said(sample.assignment for sample in checked)
+        predicted = self.questions.said(sample.assignment for sample in checked)
         failed = [sample.failed for sample in checked]
         told = scores(predicted.tolist(), failed, self.share)
         wrong = [sample for sample, said in zip(checked, predicted, strict=True) if bool(said) != sample.failed]
         return LearnedRule(
-            self.rule,
+            self.questions.rule,
             told.precision,
             told.recall,
             told.balanced_accuracy,
             len(checked),
-            tuple(self.samples),
-            len(self._asked),
+            tuple(self.questions.samples),
+            self.questions.trials,
             self.alternatives(),
             sum(sample.phase == "context" for sample in wrong),
             sum(sample.phase == "context" for sample in checked),
         )
 
     def decide(self) -> bool:
-        """Ask about cases on which rules that explain all trials disagree; return whether the rule has been wrong."""
-        for _ in range(DECISIONS):
+        """Ask about cases on which rules that explain all trials disagree; return whether the rule has been wrong.
+
+        Each answer may leave another such rule, and each time costs a trial for each of them, rarely more than two.
+        """
+        for _ in range(4):
             asked = self.ask([case for _, _, case in self._rivals()], "decide")
-            if not asked or self.mistakes(asked):
+            if not asked or self.questions.mistakes(asked):
                 return bool(asked)
         return False
 
@@ -725,17 +505,17 @@ class _Search:
         """Return all alternatives, each with its length in bits and a case that decides."""
         failed = self.table.outcomes
         candidates, masks = self.table.candidates()
-        pool = [*self._pool(), *self._surfaces(candidates)]
+        pool = [*self.draws.pool(), *self.draws.surfaces(candidates)]
         if not pool or not self.best.terms:
             return []
         columns = columns_of(self.variables, pool)
-        said = self.rule.predict(columns)
+        said = self.questions.rule.predict(columns)
         found: dict[str, tuple[float, Rule, Assignment]] = {}
         for feature in sorted({candidate.feature for term in self.best.terms for candidate in term}):
             keep = [index for index, candidate in enumerate(candidates) if candidate.feature != feature]
             rival = widen(self.table, learn([candidates[index] for index in keep], masks[keep], failed))
             wrong = rival.rule.predict(self.table.columns) != failed
-            if rival.bits > self.best.bits + ALTERNATIVE_BITS or wrong.any():
+            if rival.bits > self.best.bits + ERROR_BITS / 2 or wrong.any():
                 continue
             differ = np.flatnonzero(rival.rule.predict(columns) != said)
             if len(differ):

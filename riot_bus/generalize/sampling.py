@@ -24,9 +24,6 @@ Assignment = Mapping[str, Setting]
 TYPES = ("bool", *INTEGERS, *FLOATS, "string", "bytes")
 """The types a variable may have."""
 
-_OBSERVED = 200
-"""Elements of nominal arrays are evenly thinned out to about this number, at most twice as many."""
-
 _FLOAT32_MAX = 3.4028234663852886e38  # largest finite float32, (2 - 2**-23) * 2**127: struct.pack refuses more
 _DTYPES = {"float32": np.float64, "float64": np.float64, "bool": np.bool_, "string": np.object_, "bytes": np.object_}
 
@@ -114,13 +111,7 @@ def row_of(variables: Sequence[Variable], assignment: Assignment) -> dict[str, S
 def changed(
     variables: Sequence[Variable], base: Assignment, change: Mapping[str, Setting]
 ) -> dict[str, Setting] | None:
-    """Return the base with other values, converted to their types; None if `change` is empty or a value does not fit.
-
-    Args:
-        variables: All variables of the rule.
-        base: Value of each variable.
-        change: New values by name of a variable, or of a column of an array.
-    """
+    """Return the base with values by name of a variable or column; None for no change or one that does not fit."""
     found = dict(base)
     for variable in variables:
         if variable.name in change:
@@ -185,12 +176,9 @@ def interesting(variable: Variable) -> list[Scalar]:
             edges += range(2, 10)
     elif variable.type.startswith("float"):
         edges = [0.0, 1.0, -1.0, math.nan, math.inf, -math.inf, 1e6, -1e6]
-    elif variable.type == "bool":
-        edges = [False, True]
-    elif variable.type == "string":
-        edges = [""]
     else:
-        edges = [b""]
+        single: dict[str, list[Scalar]] = {"bool": [False, True], "string": [""], "bytes": [b""]}
+        edges = single[variable.type]
     known: list[Any] = [variable.failing, *variable.passing, *edges, *variable.dictionary, *_spread(variable.nominal)]
     held = [value for value in (fit(value, variable.type) for value in known) if value is not None]
     return list({scalar_key(value): value for value in held}.values())
@@ -204,11 +192,7 @@ def _spread(values: Sequence[Any]) -> list[Scalar]:
 
 
 class Sampler:
-    """Draws assignments: nominal, interesting, log-uniform over the type, or near an interesting value.
-
-    Args:
-        variables: The variables; each draw gives all of them a value.
-    """
+    """Draws assignments: nominal, interesting, log-uniform over the type, or near an interesting value."""
 
     def __init__(self, variables: Sequence[Variable]) -> None:
         self.variables = tuple(variables)
@@ -269,7 +253,7 @@ def _element(variable: Variable) -> Variable:
     arrays = [value for value in (variable.failing, *variable.passing) if isinstance(value, Elements)]
     at = [value for array in arrays for value in (array[place] for place in variable.places)]
     nominal = [value for array in variable.nominal if isinstance(array, Elements) for value in array]
-    some = tuple(nominal[:: max(1, len(nominal) // _OBSERVED)])
+    some = tuple(nominal[:: max(1, len(nominal) // 200)])  # thinned out evenly
     failing = at[0] if at else arrays[0][0]
     name, type_ = variable.name.replace("[*]", "[?]"), variable.type[:-2]
     return Variable(name, type_, failing, tuple(at[1:]), some, variable.dictionary)

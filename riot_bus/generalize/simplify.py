@@ -10,19 +10,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from riot_bus.generalize.minimize import BUDGET, minimize
-from riot_bus.generalize.oracle import BudgetSpentError, Trials
+from riot_bus.generalize.oracle import SURE, BudgetSpentError, Trials
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress
 
 Levels = tuple[int, ...]
 """A rung for each ladder."""
-
-_SURE = 0.95
-"""Confidence that ends one search for a rung; its result is checked."""
-
-_FOUND, _NEEDED, _DOUBT = 0.9, 0.1, 0.02
-"""Priors that a rung found by a search fails, and that the simplest rung fails; doubt that ends a check."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,15 +43,9 @@ def simplify(
     Each thing to simplify has a list of values, its ladder. A rung is the position of a value in that list: 0 is the
     simplest one, and the last rung is the present value.
 
-    Args:
-        sizes: Number of rungs of each ladder, at least two; the last ones together are known to fail.
-        ask: Function that answers a batch of questions. A question is a tuple with a rung for each ladder, and is each
-            time a fresh trial; the answer is True if it failed with the same signature.
-        noise: Knowledge about the failure rates; None if there is none yet.
-        budget: Maximum number of trials; once they are spent, the lowest failing rungs so far are the result.
-        parallelism: Number of questions worth asking in one batch.
-        progress: Function called after every batch.
-        better: Function called with lower rungs, one for each ladder, as they are found to fail.
+    Sizes are the numbers of rungs, at least two each; the last rungs together are known to fail. A question has a rung
+    for each ladder, and is each time a fresh trial; True = failed with the same signature. `better` gets lower rungs as
+    they are found to fail. Once the budget is spent, the lowest failing rungs so far are the result.
 
     Returns:
         The lowest failing rungs that were found; the last ones if the failure does not occur any more.
@@ -84,7 +72,7 @@ def simplify(
         ask, key=lambda levels: levels, noise=known, budget=budget - spent, parallelism=parallelism, progress=progress
     )
     try:
-        if len(sizes) == 1 and _fails((0,), _NEEDED, trials):
+        if len(sizes) == 1 and _fails((0,), 0.1, trials):
             now = (0,)
             told(now)
         for place, size in enumerate(sizes):
@@ -102,7 +90,7 @@ def _at(last: Levels, kept: Sequence[int]) -> Levels:
 
 
 def _fails(levels: Levels, prior: float, trials: Trials[Levels]) -> bool:
-    return trials.triggers([levels], prior=prior, doubt=_DOUBT, doing="trying simpler values")[0] > 0.5
+    return trials.triggers([levels], prior=prior, doubt=0.02, doing="trying simpler values")[0] > 0.5
 
 
 def _with_lower(now: Levels, place: int, size: int, trials: Trials[Levels]) -> Levels:
@@ -111,5 +99,5 @@ def _with_lower(now: Levels, place: int, size: int, trials: Trials[Levels]) -> L
     def at(rung: int) -> Levels:
         return (*now[:place], rung + 1, *now[place + 1 :])
 
-    found = trials.flip([1.0] * (size - 1), at, rises=True, sure=_SURE, doing="trying simpler values")
-    return at(found) if found < size - 2 and _fails(at(found), _FOUND, trials) else now
+    found = trials.flip([1.0] * (size - 1), at, rises=True, sure=SURE, doing="trying simpler values")
+    return at(found) if found < size - 2 and _fails(at(found), 0.9, trials) else now

@@ -15,9 +15,6 @@ from riot_bus.generalize.numbers import number_bits, simplest, step
 from riot_bus.generalize.sampling import Assignment, Variable, columns_of, integer_range, row_of, scalars_of
 from riot_bus.vocabulary.message import Scalar
 
-BOUNDARIES = 24
-"""Maximum number of thresholds tried per feature."""
-
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
@@ -58,16 +55,30 @@ def concrete(candidate: Candidate) -> Literal:
     return Literal(candidate.feature, operator, strict)
 
 
+class _Offers:
+    """Literals that are offered to the learner, and where each holds."""
+
+    def __init__(self, samples: int) -> None:
+        self.candidates: list[Candidate] = []
+        self._masks: list[Array] = [np.zeros((0, samples), dtype=bool)]
+
+    @property
+    def masks(self) -> Array:
+        """Where they hold (literals x samples)."""
+        return np.vstack(self._masks)
+
+    def add(self, candidate: Candidate, mask: Array) -> None:
+        """Offer one literal."""
+        self.add_all([candidate], mask[None, :])
+
+    def add_all(self, candidates: Sequence[Candidate], masks: Array) -> None:
+        """Offer several; their masks are rows."""
+        self.candidates += candidates
+        self._masks.append(masks)
+
+
 class Table:
-    """All samples with their features.
-
-    Args:
-        variables: The variables of the rule.
-
-    Attributes:
-        assignments: The samples.
-        rows: The samples as rules see them.
-    """
+    """All samples with their features."""
 
     def __init__(self, variables: Sequence[Variable]) -> None:
         self.variables = tuple(variables)
@@ -121,33 +132,32 @@ class Table:
         return self._values[self.features.index(feature)] or []
 
     def candidates(self) -> tuple[list[Candidate], Array]:
-        """Return the literals that could separate failing from passing samples, and where they hold.
-
-        Returns:
-            k candidates and a boolean array (k, samples).
-        """
+        """Return the literals that could separate failing from passing samples, and where each holds (k x samples)."""
         failed = self.outcomes
-        found: list[Candidate] = []
-        masks: list[Array] = []
+        offers = _Offers(len(failed))
         if not self.assignments:
-            return found, np.zeros((0, 0), dtype=bool)
+            return [], offers.masks
         for feature, values in zip(self.features, self._values, strict=True):
             if feature.kind in FLAGS:
-                _flags(feature, np.array(values, dtype=bool), found, masks)
+                mask = np.array(values, dtype=bool)
+                offers.add(Candidate(feature, "is", feature.cost + 1.0), mask)
+                offers.add(Candidate(feature, "not", feature.cost + 2.0), ~mask)
                 continue
             if feature.kind in ("sub", "mulsub", "linear") and any(
                 type(row) is int and row == 0 for row in values or ()
             ):
-                _equal(feature, np.array([row == 0 for row in values or ()]), 0, found, masks)
+                mask, bits = np.array([row == 0 for row in values or ()]), feature.cost + 2.0 + number_bits(0)
+                offers.add(Candidate(feature, "==", bits, inside=0), mask)
+                offers.add(Candidate(feature, "!=", bits + 2.0, inside=0), ~mask)
             if values is not None and (feature.kind != "raw" or self._ordered(feature)):
-                _thresholds(feature, values, failed, found, masks, self._least(feature))
+                _thresholds(feature, values, failed, offers, self._least(feature))
         for variable in self._scalars:
             rows = [row[variable.name] for row in self.rows]
             if not variable.type.startswith("float"):
-                self._categories(variable, rows, failed, found, masks)
+                self._categories(variable, rows, failed, offers)
             if variable.type.startswith(("int", "uint")):
-                _residues(variable, rows, failed, found, masks)
-        return found, np.vstack(masks)
+                _residues(variable, rows, failed, offers)
+        return offers.candidates, offers.masks
 
     def conditional(self, within: Array) -> tuple[list[Candidate], Array]:
         """Return thresholds that separate failing from passing samples among those of a mask alone.
@@ -155,12 +165,11 @@ class Table:
         A second limit of a rule may not show as a flip among all samples.
         """
         failed = self.outcomes
-        found: list[Candidate] = []
-        masks: list[Array] = [np.zeros((0, len(failed)), dtype=bool)]
+        offers = _Offers(len(failed))
         for feature, values in zip(self.features, self._values, strict=True):
             if values is not None and feature.kind not in FLAGS and (feature.kind != "raw" or self._ordered(feature)):
-                _thresholds(feature, values, failed, found, masks, self._least(feature), within)
-        return found, np.vstack(masks)
+                _thresholds(feature, values, failed, offers, self._least(feature), within)
+        return offers.candidates, offers.masks
 
     def _least(self, feature: Feature) -> int | None:
         """Return the least value that a feature of one integer or text can have."""
@@ -170,9 +179,7 @@ class Table:
     def _ordered(self, feature: Feature) -> bool:
         return self._types[feature.args[0]] not in ("bool", "string", "bytes")
 
-    def _categories(
-        self, variable: Variable, rows: list[Scalar], failed: Array, found: list[Candidate], masks: list[Array]
-    ) -> None:
+    def _categories(self, variable: Variable, rows: list[Scalar], failed: Array, offers: _Offers) -> None:
         """Offer each small or known value that was seen failing, and the sets of those that only fail or only pass.
 
         Literals with "!=" are offered for values that were seen passing, since a receiver may ignore such a value.
@@ -191,8 +198,7 @@ class Table:
                     continue
                 mask = codes == numbers[value]
                 bits = feature.cost + 2.0 + _value_bits(value, variable) + 2.0 * (operator == "!=")
-                found.append(Candidate(feature, operator, bits, inside=value))
-                masks.append((mask if operator == "==" else ~mask)[None, :])
+                offers.add(Candidate(feature, operator, bits, inside=value), mask if operator == "==" else ~mask)
         if variable.type in ("string", "bytes"):
             bad, good = bad & known, good & known
         for operator, members in (("in", bad), ("in", bad - good), ("not in", good - bad), ("not in", good)):
@@ -200,8 +206,8 @@ class Table:
                 ordered = tuple(sorted(members))
                 bits = feature.cost + 2.0 + sum(2.0 + 0.5 * _value_bits(value, variable) for value in ordered)
                 mask = np.isin(codes, [numbers[value] for value in ordered])
-                found.append(Candidate(feature, operator, bits + (operator == "not in"), inside=ordered))
-                masks.append((mask if operator == "in" else ~mask)[None, :])
+                candidate = Candidate(feature, operator, bits + (operator == "not in"), inside=ordered)
+                offers.add(candidate, mask if operator == "in" else ~mask)
 
 
 _SMALL = 255
@@ -215,12 +221,6 @@ def _value_bits(value: Scalar, variable: Variable) -> float:
     if isinstance(value, str | bytes):
         return 3.0 if value in variable.nominal or not value else 3.0 + min(2.0 * len(value), 40.0)
     return number_bits(value)
-
-
-def _equal(feature: Feature, mask: Array, value: Scalar, found: list[Candidate], masks: list[Array]) -> None:
-    bits = feature.cost + 2.0 + number_bits(value)  # type: ignore[arg-type]
-    found.extend((Candidate(feature, "==", bits, inside=value), Candidate(feature, "!=", bits + 2.0, inside=value)))
-    masks.extend((mask[None, :], ~mask[None, :]))
 
 
 def _beginnings(variable: Variable) -> list[Feature]:
@@ -242,14 +242,12 @@ _DIVISORS = (*range(2, 17), 20, 24, 25, 30, 32, 50, 60, 64, 100, 128, 256, 360, 
 """Divisors whose residues are tried: small numbers, powers of ten and two, and those of times and angles."""
 
 
-def _residues(
-    variable: Variable, rows: list[Scalar], failed: Array, found: list[Candidate], masks: list[Array]
-) -> None:
-    """Add the residues and bits that best tell failing from passing samples to `found` and `masks`."""
+def _residues(variable: Variable, rows: list[Scalar], failed: Array, offers: _Offers) -> None:
+    """Offer the residues and bits that best tell failing from passing samples."""
     limits = integer_range(variable.type)
     assert limits is not None
     array = np.array(rows, dtype=object if limits[1] >= 2**63 else np.int64)
-    offers: list[tuple[float, Candidate, Array]] = []
+    ranked: list[tuple[float, Candidate, Array]] = []
     for divisor in _DIVISORS:
         rest = (array % divisor).astype(np.int64)
         bad, fine = np.bincount(rest[failed], minlength=divisor), np.bincount(rest[~failed], minlength=divisor)
@@ -258,35 +256,25 @@ def _residues(
         for operator, place in (("==", int(np.argmax(score))), ("!=", int(np.argmin(score)))):
             bits = feature.cost + number_bits(place)
             candidate = Candidate(feature, operator, bits, inside=place)
-            offers.append((abs(score[place]), candidate, (rest == place) == (operator == "==")))
+            ranked.append((abs(score[place]), candidate, (rest == place) == (operator == "==")))
     # The highest bit of an unsigned integer is a threshold, and is offered as one.
     for bit in range(1, limits[1].bit_length() - variable.type.startswith("uint")):
         mask = ((array >> bit) & 1).astype(bool)
         feature = Feature("bits", (variable.name,), 1 << bit)
         gain = mask[failed].mean() - mask[~failed].mean() if 0 < failed.sum() < len(failed) else 0.0
-        offers.append(
+        ranked.append(
             (abs(gain), Candidate(feature, "!=" if gain > 0 else "==", feature.cost, inside=0), mask == (gain > 0))
         )
-    offers.sort(key=lambda offer: (-offer[0], offer[1].bits))
-    found.extend(candidate for _, candidate, _ in offers[:_OFFERS])
-    masks.extend(mask[None, :] for _, _, mask in offers[:_OFFERS])
-
-
-_OFFERS = 12
-"""Number of residues and bits tried per variable: those that a rule needs are among the first."""
-
-
-def _flags(feature: Feature, mask: Array, found: list[Candidate], masks: list[Array]) -> None:
-    found.extend((Candidate(feature, "is", feature.cost + 1.0), Candidate(feature, "not", feature.cost + 2.0)))
-    masks.extend((mask[None, :], ~mask[None, :]))
+    ranked.sort(key=lambda one: (-one[0], one[1].bits))
+    for _, candidate, mask in ranked[:12]:  # those that a rule needs are among the first
+        offers.add(candidate, mask)
 
 
 def _thresholds(
     feature: Feature,
     values: list[Scalar],
     failed: Array,
-    found: list[Candidate],
-    masks: list[Array],
+    offers: _Offers,
     least: int | None,
     within: Array | None = None,
 ) -> None:
@@ -304,7 +292,7 @@ def _thresholds(
     fine = np.bincount(inverse[~failed[good]], minlength=len(unique))
     pure = ((bad[1:] == 0) & (bad[:-1] == 0)) | ((fine[1:] == 0) & (fine[:-1] == 0))
     places = np.flatnonzero(~pure)
-    most = BOUNDARIES if within is None else BOUNDARIES // 2
+    most = 24 if within is None else 12
     if len(places) > most:
         gain = np.abs(np.cumsum(bad)[places] / max(bad.sum(), 1) - np.cumsum(fine)[places] / max(fine.sum(), 1))
         best = places[np.argsort(-gain, kind="stable")[: most - 8]]
@@ -315,16 +303,14 @@ def _thresholds(
     with np.errstate(invalid="ignore"):
         above = (array[None, :] >= highs[:, None]).astype(bool)
         below = (array[None, :] <= lows[:, None]).astype(bool)
-    for operator, ends in (
-        (">", zip(lows.tolist(), highs.tolist(), strict=True)),
-        ("<", zip(highs.tolist(), lows.tolist(), strict=True)),
-    ):
-        for outside, inside in ends:
+    for operator, outer, inner, mask in ((">", lows, highs, above), ("<", highs, lows, below)):
+        found = []
+        for outside, inside in zip(outer.tolist(), inner.tolist(), strict=True):
             bits = feature.cost + _interval_bits(*sorted((float(outside), float(inside))))
             if operator == "<" and inside == least:
                 bits += 4.0  # "== 0" says it better
             found.append(Candidate(feature, operator, bits, outside, inside))
-    masks.extend((above, below))
+        offers.add_all(found, mask)
 
 
 def _interval_bits(low: float, high: float) -> float:

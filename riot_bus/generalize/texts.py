@@ -30,12 +30,7 @@ def resized(text: TextT, size: int) -> TextT:
 
 
 def varied(known: Sequence[TextT], chance: random.Random) -> TextT:
-    """Return a variation of a known text: cut, lengthened, with a letter added or replaced, or random letters.
-
-    Args:
-        known: Known texts, or bytes; at least one.
-        chance: Source of randomness.
-    """
+    """Return a variation of a known text: cut, lengthened, with a letter added or replaced, or random letters."""
     base = chance.choice(known)
     kind = chance.randrange(6)
     if kind == 0:

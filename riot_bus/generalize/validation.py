@@ -25,9 +25,6 @@ from riot_bus.vocabulary.elements import Setting
 
 Number = int | float
 
-_DECIDED, _KNOWN = 0.5, 0.8
-"""Shares of cases made from known ones in which one limit decides, and from known ones at all."""
-
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
@@ -88,15 +85,7 @@ def scores(predicted: Sequence[bool], failed: Sequence[bool], share: float) -> S
 
 
 def near_limits(table: Table, learnt: Learnt, sampler: Sampler, chance: random.Random, count: int) -> list[Assignment]:
-    """Return at most `count` cases near the limits of a rule.
-
-    Args:
-        table: The trials so far; cases are known ones, or new draws, moved to a limit.
-        learnt: The rule with the intervals of its thresholds.
-        sampler: Draws new cases.
-        chance: Source of randomness.
-        count: Number of cases to try to make.
-    """
+    """Return at most `count` cases near the limits of a rule: known ones, or new draws, moved to a limit."""
     limits: dict[Candidate, list[tuple[int, int]]] = {}  # one that several terms share is one limit
     for row, term in enumerate(learnt.terms):
         for column, candidate in enumerate(term):
@@ -107,10 +96,10 @@ def near_limits(table: Table, learnt: Learnt, sampler: Sampler, chance: random.R
     found: list[Assignment] = []
     for _ in range(count if places else 0):
         place, way = chance.choice(chance.choice(list(limits.values()))), chance.random()
-        if way < _DECIDED and decided[place]:
+        if way < 0.5 and decided[place]:
             base: Assignment = table.assignments[chance.choice(decided[place])]
         else:
-            base = chance.choice(table.assignments) if way < _KNOWN else sampler.assignment(chance)
+            base = chance.choice(table.assignments) if way < 0.8 else sampler.assignment(chance)
         candidate = learnt.terms[place[0]][place[1]]
         moved = changed(table.variables, base, _move(candidate, base, sampler, chance))
         if moved is not None:

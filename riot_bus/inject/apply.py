@@ -73,13 +73,7 @@ def inject_log(
 
 
 def changed_by(injections: Sequence[Injection], applied: Iterable[int], changes: Iterable[Change]) -> Iterator[int]:
-    """Yield the numbers of the injections that changed a message; setting a field to its own value is not a change.
-
-    Args:
-        injections: All injections of the plan.
-        applied: Numbers of the injections that were carried out on the message.
-        changes: Changes of the message, with the values before.
-    """
+    """Yield the numbers of the injections that changed a message; setting a field to its own value is not a change."""
     real = {each.field for each in changes if repr(each.before) != repr(each.after)}
     same = {each.field for each in changes if each.action == "set"} - real
     yield from (number for number in applied if injections[number].field not in same)

@@ -1,22 +1,6 @@
 """Dictionaries: exceptional values per type or field, and mutations per message, each with why it is worth trying.
 
-A dictionary is a TOML file:
-
-    type = "float64"                       # optional: the type of every entry that names none
-
-    [[entry]]
-    value = nan                            # or {hex = "00ff"} for bytes, {repeat = "A", times = 4096} for long text
-    reason = "not a number"
-
-    [[field]]                              # values for some fields only, by a path pattern (`*` = anything)
-    path = "*.linear.x"
-    type = "float64"                       # optional: then every value is checked when the file is read
-    only = true                            # optional: no values for whole types or from definitions in such fields
-    entries = [{ value = 1e6, reason = "faster than any robot" }]
-
-    [[message]]                            # fields that are changed together, by message type: see `mutations`
-
-Files come from the packages that the entry point group `riot_bus.dictionaries` names, and from riot.toml.
+They are TOML files (docs/dictionaries.md): those that the entry points `riot_bus.dictionaries` or riot.toml name.
 """
 
 from __future__ import annotations
@@ -67,11 +51,6 @@ class Dictionary:
     def add(self, text: str, *, where: str, own: bool = False) -> None:
         """Add the text of a dictionary file.
 
-        Args:
-            text: Text of the file, as TOML.
-            where: Name of the file in errors.
-            own: Whether the file is the user's own.
-
         Raises:
             ConfigError: Not TOML, an unknown key or type, or a value that the type cannot hold.
         """
@@ -111,10 +90,7 @@ class Dictionary:
     ) -> tuple[SuggestedValue, ...]:
         """Return the values worth trying in a field, those bound to its path first.
 
-        Args:
-            type: Primitive type of the field.
-            path: Field path (or `topic:path`) to look bindings up by.
-            told: Values from the field's definition (`riot_bus.types.capabilities`); unused if a binding says `only`.
+        The path may be `topic:path`. Values `told` by the field's definition are unused if a binding says `only`.
 
         Raises:
             ConfigError: The type is unknown, or a binding of the user's own for this path holds no value that the type
@@ -158,8 +134,7 @@ class Dictionary:
     def unmatched(self, paths: Iterable[str]) -> Iterator[ConfigError]:
         """Yield an error for each `[[field]]` whose pattern matches none of these fields.
 
-        Args:
-            paths: Paths of all fields (`topic:path`); for an array, some of its elements suffice.
+        A field's path is `topic:path`; for an array, some of its elements suffice.
         """
         known = list(paths)
         for binding in reversed(self._bindings):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from riot_bus.config.toml_file import explained_key
 from riot_bus.inject.mutations import HexBytes, RawMessage, RawMutation
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
@@ -79,17 +80,14 @@ class DictionaryFile(BaseModel):
 def read_file(text: str, *, where: str) -> DictionaryFile:
     """Read the text of a dictionary file.
 
-    Args:
-        text: Text of the file, as TOML.
-        where: Name of the file in errors.
-
     Raises:
         ConfigError: Not TOML, an unknown key, or a value of the wrong kind.
     """
     try:
         return DictionaryFile.model_validate(parse_toml(text, where=where))
     except ValidationError as error:
-        raise _explain(error, where) from None
+        tags = ("bool", "int", "float", "str", "HexBytes", "RepeatedText")
+        raise explained_key(error, where, tags, _table_at) from None
 
 
 def json_schema() -> dict[str, Any]:
@@ -133,19 +131,9 @@ def binds(pattern: str, path: str) -> bool:
     return names_field(pattern, path) or names_field(pattern, path.rpartition(":")[2])
 
 
-def _explain(error: ValidationError, where: str) -> ConfigError:
-    problems = error.errors()
-    first = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
-    tags = ("bool", "int", "float", "str", "HexBytes", "RepeatedText")
-    place: list[str | int] = [part for part in first["loc"] if part not in tags]
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
-    if first["type"] != "extra_forbidden":
-        return ConfigError(first["msg"], where=f"{where}: {key}")
-    word = str(place[-1])
-    model: type[BaseModel] = DictionaryFile if len(place) == 1 else RawEntry
+def _table_at(place: list[str | int]) -> type[BaseModel]:
     if place[0] == "message":
-        model = RawMutation if len(place) > 3 else RawMessage
-    elif place[0] == "field" and len(place) == 3:
-        model = RawField
-    known = model.model_fields
-    return ConfigError(f"unknown key {word!r}", where=f"{where}: {key}", hint=did_you_mean(word, known))
+        return {1: DictionaryFile, 3: RawMessage}.get(len(place), RawMutation)
+    if place[0] == "field" and len(place) == 3:
+        return RawField
+    return DictionaryFile if len(place) == 1 else RawEntry

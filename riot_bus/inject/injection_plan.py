@@ -15,13 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class InjectionPlan:
-    """An injection plan that is carried out.
-
-    Attributes:
-        name: Name shown to users, such as the path of its file.
-        text: Text of the plan, as it was written.
-        injector: Interceptor that carries it out.
-    """
+    """An injection plan that is carried out: its name for users (the path of its file), text and injector."""
 
     name: str
     text: str
@@ -29,12 +23,7 @@ class InjectionPlan:
 
     @classmethod
     def parse(cls, text: str, name: str, *, seed: int = 0) -> InjectionPlan:
-        """Read a plan.
-
-        Args:
-            text: Text of the plan, as TOML.
-            name: Name shown to users.
-            seed: Seed of the run, added to the plan's own.
+        """Read a plan; the seed of the run is added to the plan's own.
 
         Raises:
             ConfigError: It is not a plan, or an empty one.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.inject.faults import fault_of
 from riot_bus.pipeline.conditions import always, decider
+from riot_bus.pipeline.runner import MOST_TOPICS
 from riot_bus.types.values import fit_value
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Curve, Formula, Signal
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
 
 _LOG = logging.getLogger(__name__)
-_CACHED_KEYS = 1 << 16  # invented keys must not exhaust the memory: beyond it, the cache starts anew
 
 
 class Injector:
@@ -79,7 +79,7 @@ class Injector:
         key = event.key
         route = self._routes.get(key)
         if route is None:
-            if len(self._routes) >= _CACHED_KEYS:
+            if len(self._routes) >= MOST_TOPICS:  # invented keys
                 self._routes.clear()
             route = self._routes[key] = self._route(key)
         numbers, single = route

@@ -1,17 +1,8 @@
 """Mutations: fields of one message that are changed together, so that they contradict each other.
 
-Part of a dictionary file (see `riot_bus.inject.dictionary`):
-
-    [[message]]
-    type = "sensor_msgs/msg/Image"                    # or a list of types that have the same fields
-    consistent = "len(data) == step * height"         # optional: true of sound messages, false of mutated ones
-    mutations = [
-        { set = { height = "height + 1" }, reason = "one row more than there is data" },
-        { set = { step = 65536, height = 65536 }, reason = "their product wraps to 0 in 32 bits" },
-    ]
-
-A text is a formula over the message as it was before (`riot_bus.inject.formula`); literal text has quotes of its own:
-`"'rgb8'"`. A mutation applies wherever its type occurs: in messages of that type, and in all messages that contain one.
+They are part of a dictionary file (docs/dictionaries.md), and apply wherever their type occurs: in messages of that
+type, and in all messages that contain one. A text is a formula over the message as it was before; literal text has
+quotes of its own: `"'rgb8'"`.
 """
 
 from __future__ import annotations
@@ -24,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from riot_bus.inject.formula import evaluate, join_path, parse_formula
 from riot_bus.types.values import fit_value, set_elements
-from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.errors import located
 from riot_bus.vocabulary.injection import Formula
 from riot_bus.vocabulary.selector import parse_selector
 
@@ -45,9 +36,7 @@ class Mutation:
     """Fields of one message that are changed together.
 
     Attributes:
-        type: Type of the message that has the fields.
         changes: New value of each field by path.
-        reason: Reason why this is worth trying.
         consistent: Formula that is true of sound messages and false of mutated ones; empty if these are only unusual.
         opt_in: Whether it is only tried where the user asked for all of its fields.
         source: Entry and file that it comes from.
@@ -119,42 +108,26 @@ class RawMessage(BaseModel):
 def read_mutations(raw: RawMessage, *, where: str, own: bool) -> Iterator[Mutation]:
     """Yield the mutations of a `[[message]]`, one for each of its types.
 
-    Args:
-        raw: Table as the file has it.
-        where: File and place in it, for errors.
-        own: Whether the file is the user's own.
-
     Raises:
         ConfigError: A path or formula does not parse.
     """
     if raw.consistent:
-        _check_formula(raw.consistent, f"{where}.consistent")
+        with located(f"{where}.consistent"):
+            parse_formula(raw.consistent)
     for number, each in enumerate(raw.mutations):
         place = f"{where}.mutations[{number}]"
-        changes = tuple((_path(path, place), _value(value, place)) for path, value in each.set.items())
+        with located(place):
+            for path in each.set:
+                parse_selector(f"x:{path}")
+            changes = tuple((path, _value(value)) for path, value in each.set.items())
         for name in [raw.type] if isinstance(raw.type, str) else raw.type:
             yield Mutation(name, changes, each.reason, raw.consistent, raw.opt_in, where, own)
 
 
-def _path(path: str, where: str) -> str:
-    try:
-        parse_selector(f"x:{path}")
-    except ConfigError as error:
-        raise ConfigError(error.message, where=where, hint=error.hint) from None
-    return path
-
-
-def _value(value: float | str | HexBytes, where: str) -> Scalar | Formula:
+def _value(value: float | str | HexBytes) -> Scalar | Formula:
     if isinstance(value, HexBytes):
         return bytes.fromhex(value.hex)
     if not isinstance(value, str):
         return value
-    literal = _check_formula(value, where)
+    literal = parse_formula(value).literal
     return Formula(value) if literal is None else literal
-
-
-def _check_formula(text: str, where: str) -> str | None:
-    try:
-        return parse_formula(text).literal
-    except ConfigError as error:
-        raise ConfigError(error.message, where=where, hint=error.hint) from None

@@ -1,37 +1,21 @@
-"""Injection plans: TOML files that people write.
-
-seed = 7
-
-[[inject]]
-topic = "/odom"
-field = "twist.twist.linear.x"
-value = nan                      # a number, true/false, text, {hex = "00ff"} for bytes; or formula = "2 * angular.z"
-where = "pose.pose.position.x > 3"
-start = 2.0                      # seconds since the first message
-end = 4.0
-
-[[inject]]
-topic = "/scan"
-fault = "drop"
-probability = 0.1
-"""
+"""Injection plans: TOML files that people write (docs/interceptors.md)."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from riot_bus.config.toml_file import explained_key
 from riot_bus.given_files import MOST_TOML, given_text
 from riot_bus.inject.faults import ATTRIBUTES, fault_class
 from riot_bus.inject.formula import parse_formula
 from riot_bus.inject.mutations import HexBytes
 from riot_bus.pipeline.conditions import window_problem
 from riot_bus.plugin_options import instance_of, options_of
-from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean, located
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.message import Scalar
 from riot_bus.vocabulary.predicate import parse_predicate
@@ -40,8 +24,6 @@ from riot_bus.vocabulary.toml_text import parse_toml
 
 if TYPE_CHECKING:
     from collections.abc import Container
-
-    from riot_bus.inject.faults import FaultKind
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -123,10 +105,6 @@ def plan_text(path: Path) -> str:
 def parse_plan(text: str, *, name: str) -> tuple[Injection, ...]:
     """Read an injection plan from a text.
 
-    Args:
-        text: Text of the plan, as TOML.
-        name: Name of the plan in errors.
-
     Raises:
         ConfigError: It is not TOML, or a key or value in it is wrong.
     """
@@ -134,34 +112,15 @@ def parse_plan(text: str, *, name: str) -> tuple[Injection, ...]:
     try:
         plan = _Plan.model_validate(document)
     except ValidationError as error:
-        raise _explain(error, name) from None
+        tags = ("bool", "int", "float", "str", "HexBytes", "_Formula")
+        raise explained_key(error, name, tags, _table_at) from None
     return tuple(_injection(each, plan.seed, f"{name}: inject[{index}]") for index, each in enumerate(plan.inject))
-
-
-def plan_to_toml(injections: tuple[Injection, ...] | list[Injection]) -> str:
-    """Return the plan as TOML; `read_plan` gives the same injections back."""
-    blocks = []
-    for injection in injections:
-        lines = ["[[inject]]"]
-        for field in fields(Injection):
-            value = getattr(injection, field.name)
-            if isinstance(value, Signal | Curve):
-                told = {each.name: getattr(value, each.name) for each in fields(value)}
-                inside = ", ".join(f"{name} = {_toml(one)}" for name, one in told.items() if one != ())
-                lines.append(f"{type(value).__name__.lower()} = {{ {inside} }}")
-            elif isinstance(value, Formula):
-                lines.append(f"formula = {{ text = {_toml(value.text)}, base = {_toml(value.base)} }}")
-            elif field.name == "options":
-                lines += [f"{name} = {_toml(each)}" for name, each in injection.options]
-            elif value is not None and (value != field.default or field.name == "value"):
-                lines.append(f"{field.name} = {_toml(value)}")
-        blocks.append("\n".join(lines) + "\n")
-    return "\n".join(blocks)
 
 
 def _check(entry: _Inject, where: str) -> dict[str, Scalar]:
     """Check a table as a whole; return the options that belong to its kind of fault."""
-    declared = options_of(_class(entry.fault, f"{where}.fault"))
+    with located(f"{where}.fault"):
+        declared = options_of(fault_class(entry.fault))
     own = dict(entry.model_extra or {})
     for key in own.keys() - declared.keys():
         hint = did_you_mean(key, [*_Inject.model_fields, *declared])
@@ -209,43 +168,15 @@ def _injection(entry: _Inject, seed: int, where: str) -> Injection:
             hint=f"write topic = {selector.topic!r}, and the rest as field = ... and where = ...",
         )
     if entry.field is not None:
-        try:
+        with located(f"{where}.field"):
             parse_selector(f"x:{entry.field}")
-        except ConfigError as error:
-            raise ConfigError(error.message, where=f"{where}.field", hint=error.hint) from None
     if entry.where is not None:
-        try:
+        with located(f"{where}.where"):
             parse_predicate(entry.where)
-        except ConfigError as error:
-            raise ConfigError(error.message, where=f"{where}.where", hint=error.hint) from None
-    value: Scalar | Signal | Curve | Formula | None
-    if entry.signal is not None:
-        signal = entry.signal
-        own = seed if signal.seed is None else signal.seed
-        choices = tuple(map(_scalar, signal.choices))
-        value = Signal(signal.center, signal.amplitude, signal.hold, own, signal.integer, choices)
-    elif entry.curve is not None:
-        try:
-            value = Curve(tuple(entry.curve.times), tuple(entry.curve.values), entry.curve.integer)
-        except ValueError as error:
-            raise ConfigError(str(error), where=f"{where}.curve") from None
-    elif entry.formula is not None:
-        value = _formula(entry.formula, where)
-    else:
-        value = None if entry.value is None else _scalar(entry.value)
+    own = {each.name for each in fields(Injection)} - {"value", "seed", "options"}
     made = Injection(
-        topic=entry.topic,
-        field=entry.field,
-        value=value,
-        fault=entry.fault,
-        start=entry.start,
-        end=entry.end,
-        first=entry.first,
-        last=entry.last,
-        where=entry.where,
-        probability=entry.probability,
-        delay=entry.delay,
-        copies=entry.copies,
+        **{name: getattr(entry, name) for name in own},
+        value=_value(entry, seed, where),
         seed=seed if entry.seed is None else entry.seed,
         options=tuple(sorted(further.items())),
     )
@@ -255,60 +186,31 @@ def _injection(entry: _Inject, seed: int, where: str) -> Injection:
     return made
 
 
-def _class(name: str, where: str) -> type[FaultKind]:
-    try:
-        return fault_class(name)
-    except ConfigError as error:
-        raise ConfigError(error.message, where=where, hint=error.hint) from None
+def _value(entry: _Inject, seed: int, where: str) -> Scalar | Signal | Curve | Formula | None:
+    if (signal := entry.signal) is not None:
+        own = seed if signal.seed is None else signal.seed
+        choices = tuple(map(_scalar, signal.choices))
+        return Signal(signal.center, signal.amplitude, signal.hold, own, signal.integer, choices)
+    if (curve := entry.curve) is not None:
+        try:
+            return Curve(tuple(curve.times), tuple(curve.values), curve.integer)
+        except ValueError as error:
+            raise ConfigError(str(error), where=f"{where}.curve") from None
+    if entry.formula is not None:
+        return _formula(entry.formula, where)
+    return None if entry.value is None else _scalar(entry.value)
 
 
 def _formula(written: str | _Formula, where: str) -> Formula:
     formula = Formula(written) if isinstance(written, str) else Formula(written.text, written.base)
-    try:
+    with located(f"{where}.formula"):
         parse_formula(formula.text)
         if formula.base:
             parse_selector(f"x:{formula.base}")
-    except ConfigError as error:
-        raise ConfigError(error.message, where=f"{where}.formula", hint=error.hint) from None
     return formula
 
 
-def _explain(error: ValidationError, path: str) -> ConfigError:
-    problems = error.errors()
-    first = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
-    tags = ("bool", "int", "float", "str", "HexBytes", "_Formula")
-    *outer, last = first["loc"]
-    unknown = first["type"] == "extra_forbidden"  # a key from the file, which may have the name of a tag
-    place: list[str | int] = [part for part in outer if part not in tags]
-    place += [last] if unknown or last not in tags else []
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
-    where = f"{path}: {key}" if key else path
-    if unknown:
-        word = str(place[-1])
-        models: dict[int, type[BaseModel]] = {1: _Plan, 3: _Inject}
-        inner: dict[str, type[BaseModel]] = {"signal": _Signal, "curve": _Curve, "formula": _Formula}
-        model = models.get(len(place)) or next((inner[str(name)] for name in place if name in inner), HexBytes)
-        return ConfigError(f"unknown key {word!r}", where=where, hint=did_you_mean(word, model.model_fields))
-    given = first["input"]
-    shown = f" (found {given!r})" if not isinstance(given, dict | list) else ""
-    return ConfigError(first["msg"].removeprefix("Value error, ") + shown, where=where)
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, bytes):
-        return f'{{ hex = "{value.hex()}" }}'
-    if isinstance(value, str):
-        return '"' + "".join(_escape(letter) for letter in value) + '"'
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return repr(value)
-
-
-def _escape(letter: str) -> str:
-    if letter in '"\\':
-        return "\\" + letter
-    return letter if letter.isprintable() or letter == " " else f"\\U{ord(letter):08x}"
+def _table_at(place: list[str | int]) -> type[BaseModel]:
+    tables: dict[int, type[BaseModel]] = {1: _Plan, 3: _Inject}
+    inner: dict[str, type[BaseModel]] = {"signal": _Signal, "curve": _Curve, "formula": _Formula}
+    return tables.get(len(place)) or next((inner[str(name)] for name in place if name in inner), HexBytes)

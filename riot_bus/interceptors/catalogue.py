@@ -14,7 +14,7 @@ from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.loader import load_class
 from riot_bus.plugin_options import REQUIRED, explained_option, instance_of, options_of
 from riot_bus.plugins import INTERCEPTORS
-from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean, located
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,42 +25,8 @@ _CONDITIONS = {"from": "source", "to": "target"} | {
 _WHEN: TypeAdapter[When] = TypeAdapter(When)
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Option:
-    """One option of an interceptor.
-
-    Attributes:
-        name: Name as it is written.
-        type: Type as it is declared, empty if it is not.
-        default: Default value as text; None if there is none, or if the option is required.
-        doc: Meaning of the option, in a sentence.
-        required: Whether it has to be given.
-    """
-
-    name: str
-    type: str
-    default: str | None = None
-    doc: str = ""
-    required: bool = False
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Description:
-    """Description of a shipped or installed interceptor, for `riot interceptors`.
-
-    Attributes:
-        name: Name by which `--interceptor` and riot.toml refer to it.
-        summary: First line of its docstring; the reason if it cannot be loaded.
-        options: Its own options, without the conditions that all interceptors have; empty if it cannot be loaded.
-    """
-
-    name: str
-    summary: str
-    options: tuple[Option, ...]
-
-
 def build(use: str, options: Mapping[str, Any], *, where: str | None = None, root: Path | None = None) -> object:
-    """Build an interceptor.
+    """Build an interceptor, wrapped in its conditions if there are any.
 
     Args:
         use: Name of a shipped or installed interceptor, or `FILE.py[:NAME]`, whose code is then executed.
@@ -68,9 +34,6 @@ def build(use: str, options: Mapping[str, Any], *, where: str | None = None, roo
             `name` gives it another name.
         where: Place where it is named, for errors.
         root: Folder that relative paths start from, by default the working folder.
-
-    Returns:
-        The interceptor, wrapped in its conditions if there are any.
 
     Raises:
         ConfigError: There is no such interceptor or option, or a value is wrong.
@@ -90,42 +53,39 @@ def build(use: str, options: Mapping[str, Any], *, where: str | None = None, roo
             raise ConfigError(f"unknown option {key!r}", where=place, hint=did_you_mean(key, {*declared, *_CONDITIONS}))
     interceptor: object = instance_of(kind, own, lambda _: place, root=root)
     try:
-        when = _WHEN.validate_python(conditions)
+        with located(place):
+            when = _WHEN.validate_python(conditions)
     except ValidationError as error:
         raise explained_option(error, lambda _: place) from None
-    except ConfigError as error:
-        raise ConfigError(error.message, where=place, hint=error.hint) from None
     return Selective(interceptor, when, name) if conditions or name else interceptor
 
 
-def names() -> list[str]:
-    """Return the names of all interceptors that are shipped or installed."""
-    return list(INTERCEPTORS.targets())
+def interceptor_list() -> list[dict[str, Any]]:
+    """Describe the shipped and installed interceptors as JSON values, without the conditions that all have.
+
+    A default is a text, None if there is none. The summary of one that cannot be loaded says why.
+    """
+    return [_described(name) for name in INTERCEPTORS.targets()]
 
 
-def describe() -> list[Description]:
-    """Describe the shipped and installed interceptors; the summary of one that cannot be loaded says why."""
-    found = []
-    for name in names():
-        try:
-            kind = _find(name, None)
-        except ConfigError as error:
-            found.append(Description(name, error.message, ()))
-            continue
-        text = inspect.getdoc(kind) or ""
-        docs = dict(re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE))
-        options = tuple(
-            Option(
-                key,
-                annotation,
-                None if default in (REQUIRED, None) else str(default),
-                " ".join(docs.get(key, "").split()),
-                required=default is REQUIRED,
-            )
-            for key, (annotation, default) in options_of(kind).items()
-        )
-        found.append(Description(name, text.partition("\n")[0], options))
-    return found
+def _described(name: str) -> dict[str, Any]:
+    try:
+        kind = _find(name, None)
+    except ConfigError as error:
+        return {"name": name, "summary": error.message, "options": ()}
+    text = inspect.getdoc(kind) or ""
+    docs = dict(re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE))
+    options = tuple(
+        {
+            "name": key,
+            "type": annotation,
+            "default": None if default in (REQUIRED, None) else str(default),
+            "doc": " ".join(docs.get(key, "").split()),
+            "required": default is REQUIRED,
+        }
+        for key, (annotation, default) in options_of(kind).items()
+    )
+    return {"name": name, "summary": text.partition("\n")[0], "options": options}
 
 
 def _find(use: str, where: str | None, root: Path | None = None) -> type:
@@ -136,8 +96,3 @@ def _find(use: str, where: str | None, root: Path | None = None) -> type:
         hint = "its entry point has to name a class"
         raise ConfigError(f"interceptor {use!r} is not a class", where=INTERCEPTORS.targets()[use], hint=hint)
     return kind
-
-
-def interceptor_list() -> list[dict[str, Any]]:
-    """Return the interceptors that are known by name, and their options, as JSON values."""
-    return [dataclasses.asdict(each) for each in describe()]

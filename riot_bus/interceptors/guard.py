@@ -21,7 +21,7 @@ from riot_bus.generalize.rule import Rule
 from riot_bus.given_files import given_bytes
 from riot_bus.types.latest import place_of
 from riot_bus.vocabulary.elements import Elements, quantity_of
-from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.errors import ConfigError, PayloadError, located
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.selector import parse_selector
 
@@ -103,10 +103,8 @@ class RuleGuard:
             order = order_of(variable)
             if order is not None:
                 self._orders.setdefault(order.second, []).append((place, order))
-            try:
+            with located(str(self.rule)):
                 parts = None if order else place_of(variable, topics)
-            except ConfigError as error:
-                raise ConfigError(error.message, where=str(self.rule), hint=error.hint) from error
             for topic in (parts.topic,) if parts else order[:2] if order else ():
                 if _WILD.search(topic) or not _selects(topic) or (parts and not parts.path):
                     raise ConfigError(f"{variable!r} is not a field of a topic", where=str(self.rule))

@@ -12,8 +12,6 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
 
-_CLOCK_STEP_NS = 10**9  # smaller steps back may be messages that overtook each other; not measured
-
 
 @dataclass
 class Drop:
@@ -105,7 +103,7 @@ class Bandwidth:
         link = "" if self.shared else event.topic
         now, start, size = came(event), due(event), len(event.payload)
         free, last = self._links.get(link) or (start, now)
-        if last - now > _CLOCK_STEP_NS:  # the clock was set back: queued messages wait as long as before
+        if last - now > 10**9:  # not overtaking: the clock was set back, and queued messages wait as long as before
             free -= last - now
         waiting = (free - start) * self.bytes_per_second / 1e9
         if waiting > 0 and waiting + size > self.queue:

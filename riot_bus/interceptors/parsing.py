@@ -58,10 +58,7 @@ def from_tables(
 ) -> list[object]:
     """Build what `[[router.interceptors]]` names, in this order.
 
-    Args:
-        tables: Tables of riot.toml, as they are written there.
-        where: Name of the file, for errors.
-        root: Folder that relative paths start from, by default the working folder.
+    Relative paths start from `root`, by default the working folder.
 
     Raises:
         ConfigError: One cannot be built.
@@ -83,11 +80,7 @@ def build_all(
 ) -> list[object]:
     """Build the interceptors of a riot.toml, then those of a command line; files that they name are executed.
 
-    Args:
-        texts: Texts, as written after `--interceptor`.
-        tables: Tables `[[router.interceptors]]`, as written.
-        file: Path of riot.toml, for errors and relative paths.
-        seed: Seed of interceptors that have none of their own; 0 for none.
+    The seed is that of interceptors that have none of their own; 0 for none.
 
     Raises:
         ConfigError: One cannot be built.

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
 
 _UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
-_NANOSECONDS = 10**9
 _FROZEN_BYTES = 1 << 28
 _STATE_BYTES = 256
 _MOST_ELEMENTS = 1 << 16
@@ -183,7 +182,7 @@ class ClockOffset:
         """Shift its stamps."""
         offset = self.seconds + self.drift * event.seconds
         if self.field is None:
-            self._shift_stamps(event, round(offset * _NANOSECONDS))
+            self._shift_stamps(event, round(offset * _UNITS["ns"]))
             return
         value = event.read(self.field)
         if isinstance(value, int) and not isinstance(value, bool):
@@ -196,8 +195,8 @@ class ClockOffset:
     def _shift_stamps(self, event: Event, offset: int) -> None:
         kind, changed = event.type, {}
         for stamp, (seconds, nanoseconds) in _stamps(event).items():
-            total = seconds * _NANOSECONDS + nanoseconds + offset
-            changed[f"{stamp}.sec"], changed[f"{stamp}.nanosec"] = divmod(total, _NANOSECONDS)
+            total = seconds * 10**9 + nanoseconds + offset
+            changed[f"{stamp}.sec"], changed[f"{stamp}.nanosec"] = divmod(total, 10**9)
         if kind is not None and len(changed) > _SET_SINGLY:
             event.patched(
                 kind.rebuild(event.payload, changed), Change(event.interceptor, "set", "*.stamp", after=offset)

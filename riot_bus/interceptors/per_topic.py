@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from riot_bus.pipeline.runner import MOST_TOPICS
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-_MOST_TOPICS = 1 << 16  # as pipeline.runner.MOST_TOPICS: invented keys must not exhaust the memory
 ValueT = TypeVar("ValueT")
 
 
@@ -20,7 +21,7 @@ class PerTopic(Generic[ValueT]):
         size: Function that returns the size of a state; by default each counts as one.
     """
 
-    def __init__(self, *, most: int = _MOST_TOPICS, size: Callable[[ValueT], int] | None = None) -> None:
+    def __init__(self, *, most: int = MOST_TOPICS, size: Callable[[ValueT], int] | None = None) -> None:
         self._states: OrderedDict[str, ValueT] = OrderedDict()
         self._most, self._size = most, size
         self._sum = 0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from riot_bus.interceptors.recorder import Recorder
+from riot_bus.interceptors.recorder import FINISH_S, Recorder
 from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.runner import BoundedCounts
 from riot_bus.vocabulary.errors import ConfigError, DataLossError
@@ -15,8 +15,6 @@ from riot_bus.vocabulary.errors import ConfigError, DataLossError
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
     from riot_bus.types.registry import TypeRegistry
-
-_JOIN_S = 60.0  # enough for 128 MiB (default of `capacity_bytes`) at 2.3 MB/s
 
 
 @dataclass
@@ -90,8 +88,8 @@ class Record:
             DataLossError: The log lacks messages.
         """
         self._open = False
-        if self._recorder is not None and not self._recorder.close(_JOIN_S):
-            raise DataLossError(f"the log is still not written after {_JOIN_S:g} s", where=str(self.path))
+        if self._recorder is not None and not self._recorder.close(FINISH_S):
+            raise DataLossError(f"the log is still not written after {FINISH_S:g} s", where=str(self.path))
         if lost := self.lost:
             topics = ", ".join(f"{topic} {number}" for topic, number in lost.most_common(5))
             raise DataLossError(f"the log lacks {lost.total()} messages: {topics}", where=str(self.path))

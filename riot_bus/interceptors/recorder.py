@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.25  # a quarter of the second at which the writer ends a chunk
 _LINGER_S = 0.005  # at 10,000 messages/s one wake-up for 50; small against a chunk's second
+FINISH_S = 60.0  # enough for 128 MiB (the interceptor's default of `capacity_bytes`) at 2.3 MB/s
 _HANDFUL = 256  # another file may begin after so many messages
 
 
@@ -32,9 +33,6 @@ class Recorder:
 
     If an intercepted message was changed, delayed, copied or dropped, both the original and what was delivered are
     written, under the same sequence number.
-
-    Attributes:
-        lossy: Whether any message is lost.
     """
 
     def __init__(
@@ -46,6 +44,7 @@ class Recorder:
         topic: Callable[[str], str] = str,
     ) -> None:
         self.lossy = False
+        """Whether any message is lost."""
         self._topic = topic
         self._mailbox: Mailbox[Callable[[], None]] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
         self._lock = threading.RLock()
@@ -97,14 +96,11 @@ class Recorder:
         """Write further messages of a key with its type, which has become known."""
         self._file.writer.renew(key)
 
-    def switch(self, writer: Writer, *, patience: float = 5.0, timeout: float = 60.0) -> None:
+    def switch(self, writer: Writer, *, patience: float = 5.0) -> None:
         """Continue in another file, each message in exactly one of the two; return when the former one is finished.
 
-        Args:
-            writer: Writer of the new file.
-            patience: Seconds to wait until earlier messages are written. If messages arrive faster than they can be
-                written, the new writer writes the rest.
-            timeout: Further seconds to wait for the thread that writes, and then for the former writer.
+        It waits for `patience` seconds until earlier messages are written. If messages arrive faster than they can be
+        written, the new writer writes the rest.
 
         Raises:
             TimeoutError: That took longer; the new writer takes over nevertheless.
@@ -119,9 +115,9 @@ class Recorder:
             target=self._finish_former, args=(former, switched), name="riot-finish", daemon=True
         )
         finishing.start()
-        finishing.join(timeout)
+        finishing.join(FINISH_S)
         if finishing.is_alive():
-            raise TimeoutError(f"the former file is not finished after {timeout:g} s")
+            raise TimeoutError(f"the former file is not finished after {FINISH_S:g} s")
 
     def idle(self) -> bool:
         """Return whether everything accepted so far was written."""

@@ -23,7 +23,6 @@ def build_monitor(table: Mapping[str, Any], *, where: Callable[[str], str], root
     Args:
         table: Table as it was written; `kind` is a name, or `FILE.py[:NAME]`.
         where: Function that returns the location of a key of the table, for errors; of the table for an empty key.
-        root: Folder that relative paths start from.
 
     Raises:
         ConfigError: There is no such monitor, or an option is unknown, missing or wrong.

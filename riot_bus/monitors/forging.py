@@ -20,16 +20,10 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
 
 _MOST_TRIED = 4096  # each rebuilds a payload; choices for fields multiply, and `modulo` may be large
-_SECOND = 10**9  # in nanoseconds, as times of messages
 
 
 def why_cannot_fire(monitor: Monitor, view: TrialView) -> str | None:
-    """Return why a monitor is not shown to be able to fire; None if it fires on a forged copy of a trial.
-
-    Args:
-        monitor: Monitor that implements `Forges`; for others it cannot be shown.
-        view: A nominal trial; it is not changed.
-    """
+    """Return why a monitor is not shown to be able to fire; None if it fires on a forged copy of a trial."""
     try:
         found = monitor.judge(view)
         if found:
@@ -93,7 +87,7 @@ def without(view: TrialView, selector: Selector, *, seconds: float = 0.0) -> Tri
     """Return a copy without the selected outputs that was watched for at least `seconds`."""
     dropped = {id(message) for message, _ in selected(view, selector)}
     outputs = [message for message in view.outputs if id(message) not in dropped]
-    return replace(view, outputs=outputs, end=max(view.end, view.start + round(seconds * _SECOND)))
+    return replace(view, outputs=outputs, end=max(view.end, view.start + round(seconds * 1e9)))
 
 
 def with_message(view: TrialView, selector: Selector) -> TrialView:

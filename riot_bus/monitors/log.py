@@ -28,7 +28,6 @@ _WORDS: Final = {
 _ROS_TOPIC = "/rosout"
 _ROS_LINE = re.compile(r"\[[A-Z]+\] \[[0-9.]+\] \[([^\]]+)\]: (.*)")
 _LONGEST_LINE = 400  # the steps of two repeats grow with its cube, here to 10^7 a line
-_MOST_FOUND = 20  # each is a violation, and a component may write any number of different lines
 _SECONDS = 5.0  # a guess: what a slow pattern may cost a trial with many lines
 _REPEATS, _OPTIONAL = 2, 8  # a third repeat takes 100 times as long; each `?` doubles the ways
 _QUANTIFIER = re.compile(r"(?:[*+?]|\{[0-9,]+\})[?+]?")
@@ -76,7 +75,7 @@ class Log:
         for component, text, fixed in self._lines(view):
             if time.monotonic() > deadline:
                 raise PayloadError(f"the lines of {component} took more than {_SECONDS:g} s", hint="a simpler pattern")
-            if len(found) < _MOST_FOUND and (fixed or wanted.search(text)):
+            if len(found) < 20 and (fixed or wanted.search(text)):
                 ros = _ROS_LINE.search(text)
                 who, said = (ros[1], ros[2]) if ros else (component, text)
                 signature = f"log of {who}: {normalized(said)}"

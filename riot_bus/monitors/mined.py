@@ -40,11 +40,9 @@ _ROOM, _SAME = 3.0, 1e-6
 trials and normal noise, they are then more than nine standard deviations from the mean."""
 _SPARE = 4
 """One output in this many may be lost or come twice on a bus."""
-_UNIT_NS = (1, 10**3, 10**6, 10**9)
-_CLOCK_NS = 10**9
 _STALE_NS = 10 * 10**9
 """A loaded machine delays an output by a second or two, not by ten."""
-_NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2  # ten times apart, so that rounding alone breaks no rule
+_NORM_ALLOWED = 1e-2  # ten times what nominal trials may have, so that rounding alone breaks no rule
 
 
 class _Answer(NamedTuple):
@@ -67,10 +65,7 @@ class MinedRule:
         kind: `finite` (no number is NaN or infinite), `count` (of the topic's messages), `value` (of the field, message
             by message), `counter` (the field increases), `clock` (the field, in units of `unit` nanoseconds, is the
             time of the message, plus `low` to `high` nanoseconds), `norm` (the quaternion has length 1).
-        topic: Name of the topic.
         field: Path of the field; in `finite`, with `[*]` for all elements of an array; empty for `count`.
-        low: Lower bounds.
-        high: Upper bounds.
         unit: Unit of a `clock` field, nanoseconds.
     """
 
@@ -188,8 +183,7 @@ NO_RULES = Mined()
 def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[MinedRule, ...]:
     """Return what the answers to the probe have in common.
 
-    Args:
-        histories: Groups of nominal trials, each group with the same history before the probe.
+    The trials come in groups with the same history before the probe.
     """
     groups = [[_answers(view.outputs[view.probed :], view.registry) for view in views] for views in histories]
     trials = list(chain.from_iterable(groups))
@@ -202,10 +196,7 @@ def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[MinedRule, ...]:
 def check_rules(rules: Sequence[MinedRule], judged: Iterable[Iterable[Violation]], *, trials: int) -> Mined:
     """Return the rules that none of the other nominal trials breaks; the rest is listed as dropped.
 
-    Args:
-        rules: Mined rules.
-        judged: Violations in each of the other trials; only those that `Mined` with these rules finds count.
-        trials: Number of trials that the rules were learnt from.
+    Of the violations in each of the other trials, only those that `Mined` with these rules finds count.
     """
     fired = [{one.signature.removeprefix("mined ") for one in each if one.monitor == "mined"} for each in judged]
     wrong = set().union(*fired)
@@ -225,7 +216,7 @@ def _rules(topic: str, groups: Sequence[Sequence[list[_Answer]]]) -> Iterator[Mi
         yield MinedRule("finite", topic, name)
     for parent in sorted({path.rpartition(".")[0] for path in paths if path.endswith(".w")}):
         lengths = [_norm(answer.numbers, parent) for answer in every]
-        if all(length is not None and abs(length - 1) <= _NORM_NOMINAL for length in lengths):
+        if all(length is not None and abs(length - 1) <= _NORM_ALLOWED / 10 for length in lengths):
             yield MinedRule("norm", topic, parent)
     count = counts.pop()
     if not counts:
@@ -244,9 +235,9 @@ def _of_field(
     columns = [[[answer.numbers[path] for answer in trial] for trial in group] for group in groups]
     runs = list(chain.from_iterable(columns))
     values = list(chain.from_iterable(runs))
-    for unit in _UNIT_NS:
+    for unit in (1, 10**3, 10**6, 10**9):
         lags = [value * unit - time for value, time in zip(values, times, strict=True)]
-        if max(lags) - min(lags) < min(_CLOCK_NS, (max(times) - min(times)) / 2):
+        if max(lags) - min(lags) < min(1e9, (max(times) - min(times)) / 2):
             yield MinedRule("clock", topic, path, (min(lags) - _STALE_NS,), (max(lags) + _STALE_NS,), unit)
             return
     if all(len(run) >= _SPARE and set(_steps(run)) == {1.0} for run in runs):

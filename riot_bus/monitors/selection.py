@@ -95,10 +95,7 @@ def integers(view: TrialView, selector: Selector) -> Iterator[int]:
 def why_unseen(view: TrialView, selector: Selector, *, met: bool = True) -> str | None:
     """Return why no output has what is selected: a message, a number in the field; None if one has.
 
-    Args:
-        view: View of a trial.
-        selector: Selector of messages or of a field.
-        met: Whether its condition must be met; otherwise, its fields only have to exist.
+    If its condition need not be `met`, its fields only have to exist.
 
     Raises:
         PayloadError: The type of an output of the topic is unknown.

@@ -75,11 +75,7 @@ def frames_in(text: str) -> list[SourceFrame]:
 def traceback_of(signature: str, errors: str, printed: str, root: Path) -> str:
     """Return the last Python traceback of a crash with this signature; empty if there is none.
 
-    Args:
-        signature: Text that ends with the place of the crash; the component recovered from errors at other places.
-        errors: Its stderr.
-        printed: Its stdout.
-        root: Folder of its code.
+    The signature ends with the place of the crash; the component recovered from errors at other places.
     """
     known = (each for text in (errors, printed) for each in reversed(tracebacks(_LAUNCHED.sub("", text))))
     return next((each for each in known if signature.endswith(_place(each, root))), "")
@@ -109,16 +105,9 @@ def crashes_in(
 ) -> tuple[Crash, ...]:
     """Return where a component crashed, each place once; what ended the process comes first.
 
-    Args:
-        status: Exit status, negative for a signal, None if the process still lives.
-        errors: Its stderr.
-        root: Folder of its code.
-        printed: Its stdout, where some programs write their tracebacks.
-        stack: File and function of each native frame at the signal that ended it, innermost first; a function without
-            a name is written as `+` and its offset in the file.
-
-    Returns:
-        The crashes; none if neither the status nor the output indicates one.
+    The status is negative for a signal, None if the process still lives; then only the output tells. Some programs
+    write tracebacks to stdout. The stack has file and function of each native frame at the signal that ended it,
+    innermost first; a function without a name is written as `+` and its offset in the file.
     """
     died = [match for text in (printed, errors) for match in _DIED.finditer(text)][:_MOST]
     printed, errors = (_LAUNCHED.sub("", text) for text in (printed, errors))

@@ -26,8 +26,7 @@ State = tuple[
 
 ValueT = TypeVar("ValueT")
 
-_MOST_COPIES = 10_000  # a guess: more is an interceptor's mistake, which would flood the components
-_MOST_ADDED = _MOST_COPIES  # likewise; each of them also takes memory until it is due
+_MOST_ADDED = 10_000  # a guess: more messages or copies are an interceptor's mistake, which would flood the components
 _NO_KEY = re.compile("\\A\\Z|\\A/|//|/\\Z|[*$?#\ud800-\udfff]")
 _NO_TEXT = re.compile("[\ud800-\udfff]")  # cannot be sent as UTF-8
 _CONGESTION = ("drop", "block", "block_first")
@@ -334,7 +333,7 @@ def check(event: Event) -> None:
     """Raise an error if an interceptor set an attribute of an event to an invalid value."""
     if event.delay_ns.__class__ is not int or event.copies.__class__ is not int:
         raise TypeError(f"delay_ns = {event.delay_ns!r} and copies = {event.copies!r} have to be whole numbers")
-    if event.copies > _MOST_COPIES:
+    if event.copies > _MOST_ADDED:
         raise ValueError(f"{event.copies} copies of one message are too many")
     for each in (event.added, event.changes):
         if each.__class__ is not list and each.__class__ is not tuple:

@@ -43,12 +43,7 @@ class Mailbox(Generic[ItemT]):
         return self._count
 
     def offer(self, item: ItemT, size: int) -> bool:
-        """Queue an item; return False if there is no room for it.
-
-        Args:
-            item: Item to queue.
-            size: Size of its payload in bytes.
-        """
+        """Queue an item; return False if there is no room for it."""
         size += _OVERHEAD_BYTES
         with self._lock:
             if self._count >= self._capacity or (self._count and self._bytes + size > self._capacity_bytes):
@@ -117,7 +112,6 @@ class Dispatcher:
     """Calls callbacks with messages on its own thread; a slow callback delays others, but never a link.
 
     Args:
-        name: Name of the thread.
         lost: Function called with each message for which there was no room.
         mailbox: Mailbox with other bounds than the default.
     """

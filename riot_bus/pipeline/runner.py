@@ -180,12 +180,7 @@ class Pipeline:
             self.start()
 
     def feed(self, message: Message, *, targets: tuple[str, ...] = ()) -> Result:
-        """Run one message through all interceptors that want it.
-
-        Args:
-            message: The message.
-            targets: Segments that it goes to.
-        """
+        """Run one message through all interceptors that want it."""
         route = self._routes.get(message.key) or self.route(message.key)
         event = self.run(route, message.time, message=message, segment=message.segment, targets=targets)
         return self.result(event, route)
@@ -215,13 +210,7 @@ class Pipeline:
     ) -> Event:
         """Run one message; `result` evaluates the event.
 
-        Args:
-            route: Route of the message's key.
-            time: The message's time.
-            message: The message, unless `arrival` is given.
-            arrival: Undecoded message, which is decoded only on demand.
-            segment: Segment that it comes from.
-            targets: Segments that it goes to.
+        An undecoded message comes as `arrival`, and is decoded only on demand.
 
         Raises:
             AbandonedError: `abandon` was called meanwhile.
@@ -338,10 +327,6 @@ class Pipeline:
         None) and a payload as an example, and returns a pure function or None. Such messages need no events; the
         caller of the function reports them with `rewrote`. Where the function raises PayloadError, the message has to
         be fed instead.
-
-        Args:
-            key: Key of the messages.
-            payload: Example of their payloads.
         """
         if self.provenance or not self._running:
             return None
@@ -410,13 +395,8 @@ class Pipeline:
 
         The caller that waits for it in `run` gets `AbandonedError` when it returns, and may feed the message again.
 
-        Args:
-            asked: Value of `current` when the waiting began.
-            reason: Reason for giving up.
-            place: Line in which it hangs, as `file:line`.
-
-        Returns:
-            Whether it was still being called; if not, nothing was done.
+        Return whether it was still being called: if not, nothing was done. `asked` is the value of `current` when the
+        waiting began, and `place` the line in which it hangs, as `file:line`.
         """
         try:
             stage = asked.pop()

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import Literal
 
-from riot_bus.findings.known import fingerprint_of
+from riot_bus.findings.known import KnownFinding, fingerprint_of
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.report.finding_view import FindingView, load
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.findings.known import KnownFinding
 
 Standing = Literal["", "new", "known", "came back"]
 """Status of a finding in a baseline: empty without a baseline; `came back` if it was fixed and fails again."""
@@ -137,11 +133,7 @@ def load_campaign(
     """Read what exists of a campaign; the view lists what cannot be used.
 
     Args:
-        folder: Its output folder.
         finished: Whether `campaign.json`, if it exists, is of this campaign and not of an earlier one.
-        unit: Unit under test, used until a record names it.
-        fingerprint: Fingerprint of what is tested, used until a record names it.
-        problem: Reason why the work has ended early; empty if it has not.
     """
     broken: dict[str, str] = {}
     campaign, findings = None, list[FindingView]()

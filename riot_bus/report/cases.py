@@ -5,27 +5,23 @@ Each unit is a suite. Its cases keep their names from run to run: findings are n
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from riot_bus.findings.known import title_of
+from riot_bus.findings.records import CampaignRecord
+from riot_bus.report.campaign_view import CampaignView
+from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean
 from riot_bus.report.location import find_place, unit_place
 from riot_bus.report.text import TextReport
 from riot_bus.vocabulary.counting import counted
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from riot_bus.findings.records import CampaignRecord
-    from riot_bus.report.campaign_view import CampaignView
-    from riot_bus.report.finding_view import FindingView
-
 LONGEST_NAME = 300
 """It tells cases apart, and signatures with 100 characters of source mostly fit."""
 LONGEST_LINE = 600
 """Of what lists of failures show; `as_text` gives the whole text."""
-_MOST_LINES = 200  # of up to 4,000 characters each: a text stays below 1 MB
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +33,6 @@ class ReportedCase:
         result: Result of the case; `error` if the unit is not at fault.
         kind: Kind of failure, of error, or why it was skipped.
         message: Summary of what happened, in a line; it may contain untrusted text, as all other texts.
-        lines: All that is known of that.
-        told: Further lines, whatever the result.
         seconds: Duration; None if that is not known.
     """
 
@@ -63,7 +57,7 @@ class ReportedCase:
 
 def as_text(lines: Iterable[str]) -> str:
     """Return lines as a text, safe and bounded."""
-    return "\n".join(clean(line, limit=4000, lines=True).rstrip() for line in list(lines)[:_MOST_LINES])
+    return "\n".join(clean(line, limit=4000, lines=True).rstrip() for line in list(lines)[:200])
 
 
 def suites_of(view: CampaignView) -> list[str]:

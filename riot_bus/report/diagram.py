@@ -10,18 +10,10 @@ from riot_bus.report.format import clean, plural, seconds
 
 State = Literal["done", "next", "open"]
 
-_WIDTH = 19  # a box has room for 118 px; letters of size 12 take about 6
-
 
 @dataclass(frozen=True, slots=True)
 class DiagramBox:
-    """One box of the chain.
-
-    Attributes:
-        lines: Known facts about what the box stands for.
-        effort: Trials and seconds of its step.
-        state: Whether its step has finished, is the next one, or comes later.
-    """
+    """One box of the chain."""
 
     title: str
     lines: tuple[str, str]
@@ -73,4 +65,5 @@ def _leaf(name: str) -> str:
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= _WIDTH else text[: _WIDTH - 1] + "…"
+    # a box has room for 118 px; letters of size 12 take about 6
+    return text if len(text) <= 19 else text[:18] + "…"

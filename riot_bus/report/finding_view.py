@@ -29,8 +29,6 @@ _VERBS = {
     "mined": "is not as in nominal trials",
 }
 _NAMED = 3
-_CHANCE = 0.05
-"""Largest probability, if the rates are equal, that replays fail this much more often than nominal runs."""
 _VARIED = re.compile(r" ?\[((end of )?part \d|point \d|amplitude|period|one message|place of the message)\]\Z")
 """Suffix of a field's name where it varies in time; the suffix alone is not a field."""
 EVIDENCE = "evidence"
@@ -125,7 +123,7 @@ class FindingView:
         if one is None or not one.found or not one.replays_failed:
             return False
         chance = chance_of_difference(one.replays_failed, one.replays, one.controls_failed, one.controls)
-        return not one.controls or chance <= _CHANCE
+        return not one.controls or chance <= 0.05
 
     @property
     def externals(self) -> tuple[str, ...]:

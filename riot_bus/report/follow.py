@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from types import TracebackType
+from typing import Self
 
 from riot_bus.events import (
     AnalysisFinished,
@@ -13,21 +15,16 @@ from riot_bus.events import (
     CampaignStarted,
     FindingReplayed,
     FindingWritten,
+    RunEvent,
     StepStarted,
 )
+from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.steps import STEPS
 from riot_bus.plugins import REPORTS
 from riot_bus.report.campaign_view import CampaignView, load_campaign
 from riot_bus.report.format import clean
 from riot_bus.report.formats import CampaignFormat, append_summary, write_file
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-    from types import TracebackType
-
-    from riot_bus.events import RunEvent
-    from riot_bus.findings.known import KnownFindings
 
 _EXPLAINING = {step.name for step in STEPS[1:]}
 """Steps that use the findings of a campaign that has ended."""

@@ -13,7 +13,6 @@ from riot_bus.vocabulary.redaction import escape_control_chars
 
 _SPACES = "".join(chr(code) for code in range(0x3001) if unicodedata.category(chr(code)) == "Zs")
 """Spaces of all widths, which move nothing; U+3000 is the last one."""
-_EXACT = 2.0**53  # not all larger integers have a float of their own
 
 
 def clean(text: str, *, limit: int = 200, lines: bool = False) -> str:
@@ -42,7 +41,7 @@ def value(what: Any) -> str:
 
 def number(what: float) -> str:
     """Return a measured number, short: integers in full as long as they are exact."""
-    if math.isfinite(what) and what == int(what) and abs(what) < _EXACT:
+    if math.isfinite(what) and what == int(what) and abs(what) < 2**53:  # larger ones are not exact
         return str(int(what))
     return f"{what:.3g}" if abs(what) < 1000 else f"{what:.6g}"
 

@@ -1,6 +1,6 @@
 """Report formats for a finding or a whole campaign: their interfaces, and how a report is written to a file.
 
-Formats of other packages are found by the entry points `riot_bus.reports`; `riot_bus.testing.reports` tests them.
+Formats of other packages are found by the entry points `riot_bus.reports`; `riot_bus_testkit.reports` tests them.
 """
 
 from __future__ import annotations

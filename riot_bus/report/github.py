@@ -6,20 +6,15 @@ disarmed (`vocabulary.redaction.without_commands`).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from riot_bus.findings.known import title_of
-from riot_bus.report.campaign_view import level_of
+from riot_bus.report.campaign_view import CampaignView, level_of
+from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, share_interval
 from riot_bus.report.location import find_place
 from riot_bus.report.markdown import MarkdownReport
 from riot_bus.vocabulary.counting import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from riot_bus.report.campaign_view import CampaignView
-    from riot_bus.report.finding_view import FindingView
 
 _MOST = 10
 """Number of annotations of a kind that GitHub shows for one step."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from riot_bus.report.finding_view import FindingView
+from riot_bus.report.finding_view import FindingView
 
 
 class JsonReport:

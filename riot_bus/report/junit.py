@@ -6,20 +6,15 @@ its signature. In xunit2 only a suite may have `file` and properties, so it hold
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator
 from xml.etree import ElementTree
 
 import riot_bus
-from riot_bus.report.cases import LONGEST_LINE, LONGEST_NAME, as_text, cases_of, findings_of, suites_of
+from riot_bus.report.campaign_view import CampaignView
+from riot_bus.report.cases import LONGEST_LINE, LONGEST_NAME, ReportedCase, as_text, cases_of, findings_of, suites_of
+from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, share_interval
 from riot_bus.report.location import find_place, unit_place
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from riot_bus.report.campaign_view import CampaignView
-    from riot_bus.report.cases import ReportedCase
-    from riot_bus.report.finding_view import FindingView
 
 
 class JunitReport:

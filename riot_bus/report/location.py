@@ -8,26 +8,20 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.config.toml_file import line_of
+from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.given_files import given_text
 from riot_bus.monitors.signature import SourceFrame, fatal_thread, frames_in, traceback_of
-from riot_bus.report.finding_view import evidence_files, tail_of
+from riot_bus.report.finding_view import FindingView, evidence_files, tail_of
 from riot_bus.report.format import clean
 from riot_bus.vocabulary.errors import ConfigError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-
-    from riot_bus.findings.records import CampaignRecord, FindingRecord
-    from riot_bus.report.finding_view import FindingView
-
 _KINDS = ("stdout", "stderr", "stacks")
 _LARGEST = 32 << 20  # twice what is kept of an output: bytes that are no text become three
-_LONGEST_LINE = 2000  # lines of stacks are shorter; other output may have lines of any length
 _LONGEST_PATH = 1000  # with the usual 200, `clean` would cut paths so that no file is found
 _FILE = r"(?P<file>[^\s:(),]+\.\w+):(?P<line>\d{1,9})(?::\d+)?"
 _NATIVE = (
@@ -67,7 +61,6 @@ def failing_stack(finding: FindingRecord, texts: Mapping[str, str]) -> Iterator[
     """Yield lines of source on the stack on which a finding fails, the innermost first; nothing where none is known.
 
     Args:
-        finding: Record of the finding.
         texts: Texts that its component left in a failing trial: its `stdout`, its `stderr`, the `stacks` of its
             threads, and the `backtrace` of a debugger.
     """
@@ -86,7 +79,7 @@ def failing_stack(finding: FindingRecord, texts: Mapping[str, str]) -> Iterator[
 
 def _native_frames(lines: Iterable[str]) -> Iterator[SourceFrame]:
     for line in lines:
-        found = next((match for one in _NATIVE if (match := one.match(line[:_LONGEST_LINE]))), None)
+        found = next((match for one in _NATIVE if (match := one.match(line[:2000]))), None)
         if found:
             yield SourceFrame(found["file"], int(found["line"]), "")
 

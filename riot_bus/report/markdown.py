@@ -6,21 +6,17 @@ Untrusted text is written as code, where it is neither markup nor a link, and me
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator
 from html import escape
-from typing import TYPE_CHECKING
 
 from riot_bus.findings.known import title_of
+from riot_bus.report.campaign_view import CampaignView
+from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, share_interval, value
 from riot_bus.report.location import find_place
 from riot_bus.report.statements import not_tried, statements
 from riot_bus.report.text import TextReport
 from riot_bus.vocabulary.counting import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from riot_bus.report.campaign_view import CampaignView
-    from riot_bus.report.finding_view import FindingView
 
 LONGEST = 65_536
 """Largest number of characters in a comment on GitHub."""

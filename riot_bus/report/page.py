@@ -26,7 +26,6 @@ from riot_bus.vocabulary.order import order_of
 PAGE = "report.html"
 
 _ROWS = 60  # about two screens of each list; the finding's JSON files have the rest
-_TAIL = 6000  # bytes, about a hundred lines; a traceback is at the end
 _PATHS = 200  # lines; a tree may have 10,000 hops, and permeability.json has them all
 _SHARED = ("failure.mcap", "minimal.mcap", "activation.mcap", "activation-minimal.mcap", "reproduce.sh")
 _PARAMETER = f"{PARAMETERS.removeprefix('#')}:"
@@ -42,10 +41,6 @@ _MEANING: dict[Severity, str] = {
 def write_report(directory: Path, *, open_questions: Sequence[str] = ()) -> Path:
     """Write `report.html` from the records that exist.
 
-    Args:
-        directory: The finding's directory.
-        open_questions: Further things that were not tried; listed at the end.
-
     Raises:
         ConfigError: `finding.json` is missing or unusable.
         MissingExtraError: jinja2 is not installed.
@@ -54,11 +49,7 @@ def write_report(directory: Path, *, open_questions: Sequence[str] = ()) -> Path
 
 
 class HtmlReport:
-    """The report format `html`: one page that needs no network.
-
-    Args:
-        open_questions: Further things that were not tried; listed at the end.
-    """
+    """The report format `html`: one page that needs no network."""
 
     file = PAGE
 
@@ -119,7 +110,7 @@ def _backtrack(view: FindingView) -> list[str]:
 def _evidence(directory: Path) -> list[tuple[str, str]]:
     """Return the name of each file that a failing trial has left, with the end of its text if it is a `.txt`."""
     paths = evidence_files(directory)[:_ROWS]
-    return [(f"{EVIDENCE}/{one.name}", tail_of(one, _TAIL) if one.suffix == ".txt" else "") for one in paths]
+    return [(f"{EVIDENCE}/{one.name}", tail_of(one, 6000) if one.suffix == ".txt" else "") for one in paths]
 
 
 def _messages(view: FindingView) -> list[tuple[str, list[FieldRecord]]]:

@@ -7,14 +7,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from riot_bus.findings.records import FindingRecord
 from riot_bus.new_file import write_whole
 from riot_bus.report.format import clean
 from riot_bus.report.formats import write_file
-
-if TYPE_CHECKING:
-    from riot_bus.findings.records import FindingRecord
 
 _SCRIPT = """\
 #!/bin/sh

@@ -6,19 +6,16 @@ Results of several runs are matched by rule and fingerprint, the finding's signa
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
 import riot_bus
 from riot_bus.findings.known import fingerprint_of
-from riot_bus.report.campaign_view import level_of
+from riot_bus.findings.records import FindingRecord, ProportionRecord
+from riot_bus.report.campaign_view import CampaignView, level_of
+from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean
 from riot_bus.report.location import find_place
-
-if TYPE_CHECKING:
-    from riot_bus.findings.records import FindingRecord, ProportionRecord
-    from riot_bus.report.campaign_view import CampaignView
-    from riot_bus.report.finding_view import FindingView
 
 _SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
 _ROOT = "%SRCROOT%"

@@ -253,12 +253,7 @@ def _activation(activation: ActivationRecord, *, confirmed: bool) -> Iterator[St
 
 
 def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[str]:
-    """Return what a reader must not conclude from the page.
-
-    Args:
-        view: Finding with its records.
-        open_questions: Questions that the caller knows to be open.
-    """
+    """Return what a reader must not conclude from the page."""
     gaps = [clean(question, limit=600) for question in open_questions[:50]]
     gaps += [f"The step {step.name} has no result yet." for step, record in view.steps if record is None]
     gaps += [f"{name} cannot be used: {clean(reason)}" for name, reason in view.broken.items()]

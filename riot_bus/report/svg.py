@@ -32,8 +32,6 @@ class Axis:
     """Values along one side of a plot.
 
     Attributes:
-        low: Smallest value.
-        high: Largest value.
         linear: Half width of the linear part of a symlog axis, a power of ten; None for a linear axis.
     """
 

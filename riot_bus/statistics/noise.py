@@ -43,11 +43,7 @@ class Noise:
     def after(cls, failed: int = 0, total: int = 0, *, nominal_failed: int = 0, nominal_total: int = 0) -> Noise:
         """Return the posterior after some trials, starting from the prior.
 
-        Args:
-            failed: Number of failed trials of inputs that trigger the failure.
-            total: Number of trials of these inputs.
-            nominal_failed: Number of failed trials of inputs that do not trigger it.
-            nominal_total: Number of trials of those inputs.
+        The nominal trials are those of inputs that do not trigger the failure.
         """
         chances = [_RELIABLE] + [(1 - _RELIABLE) / (len(_RATES) - 1)] * (len(_RATES) - 1)
         rates = zip(_RATES, chances, strict=True)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-_HALVINGS = 60  # narrows a rate to 2**-60, below the resolution of doubles near 1 (2**-53)
-
 
 @dataclass(frozen=True, slots=True)
 class Proportion:
@@ -41,12 +39,6 @@ def exact_interval(hits: int, total: int, *, confidence: float = 0.95) -> tuple[
 def chance_of_difference(hits: int, total: int, other_hits: int, other_total: int) -> float:
     """Return the one-sided p-value of Fisher's exact test that the first rate is higher than the other one.
 
-    Args:
-        hits: Number of hits of the rate that is expected to be higher.
-        total: Number of trials of this rate.
-        other_hits: Number of hits of the other rate.
-        other_total: Number of trials of the other rate.
-
     Example:
         >>> round(chance_of_difference(4, 4, 0, 10), 4)
         0.001
@@ -59,7 +51,7 @@ def chance_of_difference(hits: int, total: int, other_hits: int, other_total: in
 def _crossing(hits: int, total: int, tail: float) -> float:
     """Return the rate at which `hits` or more of `total` have the probability `tail`."""
     low, high = 0.0, 1.0
-    for _ in range(_HALVINGS):
+    for _ in range(60):  # to 2**-60, below the resolution of doubles near 1
         middle = (low + high) / 2
         chance = math.fsum(_chance(count, total, middle) for count in range(hits, total + 1))
         low, high = (middle, high) if chance < tail else (low, middle)

@@ -1,1 +1,1 @@
-"""Helpers for authors of adapters, codecs and interceptors."""
+"""What the fixtures of the pytest plug-in give: a router, its messages, campaigns within tests."""

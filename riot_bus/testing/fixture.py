@@ -54,14 +54,8 @@ def router_test(
 ) -> Iterator[RouterTest]:
     """Yield the `RouterTest` of a test, and remove all its effects afterwards.
 
-    Args:
-        router: The router.
-        folder: Base of relative paths of plans.
-        out: Output folder of campaigns.
-        seed: Seed of all random choices.
-        log: Writer that records all messages; closed at the end.
-        types: Types of topics in expected logs, as `TOPIC=TYPE`.
-        definitions: Files that define their message types.
+    Paths of plans are relative to `folder`, and campaigns write into `out`. The log gets all messages, and is closed at
+    the end. `types` (`TOPIC=TYPE`) and their `definitions` are those of topics in expected logs.
     """
     capture = Capture(router.registry, log)
     with router.capturing(capture), ExitStack() as stack:
@@ -71,16 +65,7 @@ def router_test(
 
 
 class RouterTest:
-    """The use of a router by one test: what is intercepted and injected, and the messages since the test began.
-
-    Args:
-        router: The router.
-        capture: Capture of the messages that cross the router.
-        stack: Exit stack that is unwound when the test ends.
-        folder: Base of relative paths.
-        out: Output folder of campaigns.
-        seed: Seed of all random choices.
-    """
+    """The use of a router by one test: what is intercepted and injected, and the messages since the test began."""
 
     def __init__(
         self, router: LiveRouter, capture: Capture, stack: ExitStack, *, folder: Path, out: Path, seed: int

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import re
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from riot_bus.types.capabilities import KnowsBrittleFields
-
-if TYPE_CHECKING:
-    from riot_bus.types.model import MessageType
+from riot_bus.types.model import MessageType
 
 STAMPS = ("header stamp", "timestamp")
 """Reasons that apply to time fields."""
@@ -40,9 +38,7 @@ _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 def is_brittle(path: str, type_name: str | None = None) -> str | None:
     """Return why a field should be left alone unless the user names it, None if it may be injected.
 
-    Args:
-        path: Field path; every part counts, so `header.stamp.sec` is brittle because of `stamp`.
-        type_name: Type of the message; all fields of some types are brittle (`rosgraph_msgs/msg/Clock`).
+    Every part of the path counts, so `header.stamp.sec` is brittle because of `stamp`; all fields of some types are.
     """
     if type_name is not None:
         reason = _TYPES.get(type_name.replace("/msg/", "/"))
@@ -58,12 +54,7 @@ def is_brittle(path: str, type_name: str | None = None) -> str | None:
 
 
 def why_brittle(path: str, kind: MessageType | None = None) -> str | None:
-    """Return why a field should be left alone, according to its type or else its name; None if it may be injected.
-
-    Args:
-        path: Field path.
-        kind: Type of the message.
-    """
+    """Return why a field should be left alone, according to its type or else its name; None if it may be injected."""
     told = cast("KnowsBrittleFields", kind).brittle(path) if kind and _knows(type(kind)) else None
     return is_brittle(path) if told is None else told or None
 

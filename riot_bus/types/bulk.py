@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from riot_bus.types.capabilities import GathersFields
-from riot_bus.types.payloads import Gathered
+from riot_bus.types.model import MessageType
+from riot_bus.types.payloads import Gathered, Payloads
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from riot_bus.types.model import MessageType
-    from riot_bus.types.payloads import Payloads
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 _EXACT = 1 << 53  # beyond it, float64 skips integers
 
 
 def gather(kind: MessageType, payloads: Payloads, path: str) -> Gathered:
     """Return one field of many payloads; payloads that cannot be decoded, or lack the field, are marked as not valid.
-
-    Args:
-        kind: Type of the payloads.
-        payloads: The payloads.
-        path: Path of a field, or `len(path)`.
 
     Raises:
         PayloadError: The type has no such field, whatever the payload.

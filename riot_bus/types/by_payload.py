@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
+from riot_bus.types.model import Leaf, MessageType
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from riot_bus.types.model import Leaf, MessageType
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import Message
 
 _T = TypeVar("_T")
 
 
 class ByPayload(Generic[_T]):
-    """Caches results by payload, since different trials have nearly the same messages.
-
-    Its keys are the identity of the type, as types of adapters need not be hashable, and the payload's hash.
-
-    Args:
-        make: Function that computes a result.
-        most: Largest number of cached results.
-    """
+    """Caches results by payload, since different trials have nearly the same messages."""
 
     def __init__(self, make: Callable[[MessageType | None, bytes], _T], *, most: int) -> None:
         self._make, self._most = make, most

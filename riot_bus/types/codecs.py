@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from riot_bus.plugins import CODECS
 from riot_bus.types.model import MessageType, TypeSource
 from riot_bus.types.raw_type import OpaqueType
 from riot_bus.vocabulary.errors import ConfigError, RiotError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Codec = MessageType | TypeSource
 """Instance of a codec's class: the one type of a self-describing encoding, or a source of types."""
@@ -55,9 +52,6 @@ class Codecs:
 
         The codec `cbor` serves `cbor`, `application/cbor`, `application/x-cbor` and similar encodings. A codec that
         cannot be loaded is replaced by an opaque type that says why.
-
-        Args:
-            encoding: Encoding of MCAP or Zenoh, without a schema.
         """
         name = encoding.lower()
         for prefix in _PREFIXES:

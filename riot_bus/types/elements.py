@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
+from riot_bus.types.model import MessageType
 from riot_bus.vocabulary.elements import MOST_ELEMENTS, QUANTITIES, Elements, quantity_of
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from riot_bus.types.model import MessageType
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 
 def read_field(kind: MessageType, payload: bytes, path: str) -> Scalar:

@@ -9,8 +9,10 @@ from __future__ import annotations
 import json
 import re
 from bisect import bisect_left
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from riot_bus.types.capabilities import StandIn
 from riot_bus.types.model import (
     REBUILD,
     ROOT,
@@ -27,12 +29,7 @@ from riot_bus.types.model import (
     wrap_integer,
 )
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from riot_bus.types.capabilities import StandIn
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 _MAX_BYTES = 1 << 24  # parsed, small arrays and objects take some 30 times their size: about 500 MB
 _MAX_DEPTH = 64  # one call for each level: far below Python's limit of 1000

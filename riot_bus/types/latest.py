@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter, deque
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from riot_bus.types.elements import read_field
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.order import Order, order_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message, Scalar
 
 _NAME = re.compile(r"(?P<topic>.+?)(?:\[(?P<place>\d{1,6})\])?:(?P<path>[^:]*)\Z", re.DOTALL)
 
@@ -32,10 +29,6 @@ def place_of(name: str, topics: Sequence[str]) -> FieldPlace:
 
     A name is `topic:path`, or `topic[i]:path` if a short log has several messages of the topic. Of n messages of a
     topic, number n - 1 is the latest one, number n - 2 the one before, and so on.
-
-    Args:
-        name: Name of a field or of a quantity of elements.
-        topics: Topic of each message of the short log; topics used only without a number may be missing.
 
     Raises:
         ConfigError: It is not the name of a field, or the log has no message with this number.
@@ -61,13 +54,8 @@ def in_words(name: str, topics: Sequence[str]) -> str:
 class LatestFields:
     """Takes messages in turn and returns the current values of named fields, from the latest messages of their topics.
 
-    The value of an order is returned at each message of its second topic.
-
-    Args:
-        names: Names of fields and orders; see `place_of`.
-        topics: Topic of each message of the short log to which the names refer.
-        registry: Registry of topic names and message types.
-        keeps: Whether a message without a field leaves its earlier values in force, as if it had not come.
+    The value of an order is returned at each message of its second topic. If it `keeps` values, a message without a
+    field leaves its earlier values in force, as if it had not come.
 
     Raises:
         ConfigError: A name is invalid, or has a number for which the log has no message.

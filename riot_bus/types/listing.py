@@ -5,15 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
 
 from riot_bus.types.capabilities import DescribesFields
 from riot_bus.types.fields import FieldType
+from riot_bus.types.model import MessageType
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
-
-if TYPE_CHECKING:
-    from riot_bus.types.model import MessageType
-    from riot_bus.types.registry import TypeRegistry
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +18,6 @@ class TypeListing:
     """A type and the fields of its messages.
 
     Attributes:
-        name: Name of the type, such as `nav_msgs/msg/Odometry`.
-        encoding: Encoding of its payloads, such as `cdr`.
         fields: Fields in payload order; empty if only payloads show them.
         problem: Reason why the fields are unknown although the type describes them.
     """

@@ -6,17 +6,14 @@ import json
 import math
 import re
 import struct
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 MOST_BYTES = 1 << 26
 """Largest size to which a payload may grow, in bytes."""

@@ -15,8 +15,6 @@ class BridgedLink:
     """A link of a bridge in the router's own process; to the bus, it represents the systems at its other end.
 
     Attributes:
-        segment: Name of its segment.
-        name: Name of the link.
         addresses: Addresses of its other ends.
         publishes: Systems behind the link that published over it, by key.
         subscribes: Key expression of messages that can be sent over it; empty if none can.

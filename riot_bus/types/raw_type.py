@@ -10,7 +10,7 @@ import math
 import re
 import struct
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from riot_bus.types.fields import FieldType
 from riot_bus.types.model import Leaf, Schema, packed_float, parse_path, wrap_integer
@@ -36,21 +36,14 @@ _MOST_PLACES = 100_000  # logs and peers may name such types: bounds the leaves 
 _EXAMPLE = "write it like 'raw(uint32 seq, float32[3] gyro, int16be temperature @20)'"
 
 
+@dataclass(eq=False)
 class OpaqueType:
-    """A type whose payloads are never decoded.
+    """A type whose payloads are never decoded."""
 
-    Args:
-        name: Name of the type.
-        encoding: Message encoding of MCAP.
-        reason: Reason why payloads cannot be decoded.
-    """
-
-    schema: Schema | None = None
-
-    def __init__(self, name: str, encoding: str, reason: str) -> None:
-        self.name = name
-        self.encoding = encoding
-        self.reason = reason
+    name: str
+    encoding: str
+    reason: str
+    schema: ClassVar[Schema | None] = None
 
     def opaque(self, payload: bytes) -> str | None:
         """Return why the payload cannot be decoded."""

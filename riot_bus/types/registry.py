@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, TypeVar
+from pathlib import Path
+from typing import TypeVar
 
 from riot_bus.plugins import ADAPTERS
 from riot_bus.types.capabilities import (
+    Announcement,
     AnnouncesServers,
+    Ask,
     DiscoversTypes,
     HasServices,
     ListsTypes,
@@ -20,19 +24,12 @@ from riot_bus.types.capabilities import (
     TakesFiles,
 )
 from riot_bus.types.codecs import Codecs
-from riot_bus.types.model import MessageType, TopicName, TypeSource
-from riot_bus.types.msgpack_type import is_container
+from riot_bus.types.model import Adapter, MessageType, Schema, TopicName, TypeSource
+from riot_bus.types.msgpack_type import MsgpackType
 from riot_bus.types.serve import part_of
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, did_you_mean
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.selector import key_matches
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.types.capabilities import Announcement, Ask
-    from riot_bus.types.model import Adapter, Schema
-    from riot_bus.vocabulary.message import Message
 
 KeyT = TypeVar("KeyT")
 ValueT = TypeVar("ValueT")
@@ -41,6 +38,7 @@ _VARIABLE = "RIOT_ADAPTERS"
 _CACHED_KEYS = 1 << 14  # peers may invent keys: a full cache is emptied, which costs only time
 _LONGEST_ENCODING = 1 << 8  # with `_CACHED_KEYS`, bounds the cached texts at 4 MiB
 
+_MSGPACK = MsgpackType()
 _UNTYPED = frozenset({"", "zenoh/bytes", "zenoh/string", "zenoh/serialized", "text/plain", "application/octet-stream"})
 
 
@@ -337,7 +335,7 @@ class TypeRegistry:
                 adapter.load(others)
 
     def _infer(self, payload: bytes) -> MessageType | None:
-        if is_container(payload):
+        if _MSGPACK.is_container(payload):
             return self.type_named("msgpack")
         if payload.lstrip(b" \t\r\n")[:1] in (b"{", b"["):
             found = self.type_named("json")

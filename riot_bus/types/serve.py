@@ -16,11 +16,7 @@ REQUEST, REPLY, ERROR = PARTS = ("@request", "@reply", "@error")
 
 @dataclass(frozen=True, slots=True)
 class Request(Message):
-    """A request.
-
-    Attributes:
-        parameters: Text after the question mark of its Zenoh selector.
-    """
+    """A request."""
 
     parameters: str = ""
 

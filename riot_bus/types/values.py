@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
+from riot_bus.types.model import MessageType
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from riot_bus.types.model import MessageType
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 _ALL_ELEMENTS = 1 << 20  # each takes a `Leaf` and a path, over 100 bytes: 100 MB in all
 _NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}
@@ -20,12 +16,6 @@ _NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}
 
 def set_elements(kind: MessageType, payload: bytes, path: str, change: Callable[[Scalar], Scalar]) -> bytes:
     """Return a payload in which all fields that a path with `[*]` stands for are set.
-
-    Args:
-        kind: Type of the message.
-        payload: Its payload.
-        path: Path with one or more `[*]`.
-        change: Function that returns the new value of a field, given the present one.
 
     Raises:
         PayloadError: There are no such fields (other than for an empty array) or too many, or the value does not fit.

@@ -43,6 +43,15 @@ class ConfigError(RiotError):
     """A file, option, plan or selector of the user is not usable: correct it and run again."""
 
 
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Say where in the user's text it is that this context finds wrong."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(error.message, where=where, hint=error.hint) from None
+
+
 class MissingExtraError(ConfigError):
     """An optional dependency is not installed: install the extra named in the hint."""
 
@@ -58,10 +67,6 @@ def install_hint(extra: str) -> str:
 @contextmanager
 def needs_extra(package: str, extra: str) -> Iterator[None]:
     """Say what to install if an import in this context fails.
-
-    Args:
-        package: Name of the package, as pip knows it.
-        extra: Extra of riot-bus that installs it.
 
     Raises:
         MissingExtraError: An import failed.

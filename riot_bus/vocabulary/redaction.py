@@ -24,9 +24,6 @@ def redacted(text: str) -> str:
 
     A quoted secret ends at the closing quote, any other at white space. Names of files (`password=@FILE`) are kept.
 
-    Args:
-        text: An endpoint, or a longer text that contains endpoints and settings.
-
     Example:
         >>> redacted("nobody answers at tls/host:1#a=b;c=d: is it there?")
         'nobody answers at tls/host:1#...: is it there?'
@@ -55,10 +52,6 @@ def _end(text: str, start: int, quote: str) -> int:
 
 def escape_control_chars(text: object, *, keep: str = "") -> str:
     r"""Return text with escape sequences in place of characters that are not printable.
-
-    Args:
-        text: Any text, or an object that is converted to text.
-        keep: Characters that are kept nevertheless, such as line breaks.
 
     Example:
         >>> escape_control_chars("a\x1b[31m")

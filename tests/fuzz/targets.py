@@ -12,7 +12,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from riot_bus.chain.base.testcases import load_case_template
 from riot_bus.control.commands import Command, CommandRequest, answer
 from riot_bus.inject.plan import parse_plan
 from riot_bus.log.reader import LogReader
@@ -26,6 +25,7 @@ from riot_bus.vocabulary.selector import key_matches, parse_selector
 from riot_bus.vocabulary.toml_text import parse_toml
 from riot_bus_fleet.agent.request import PlayRequest, RecordRequest, parse_request
 from riot_bus_fleet.scan import ScanRule
+from riot_bus_fleet.testcases import load_case_template
 from riot_bus_mavlink.adapter import MavlinkAdapter
 from riot_bus_mavlink.frame import Framer
 from riot_bus_ros2.adapter import Ros2Adapter

@@ -19,11 +19,11 @@ from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.event import Change
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry, load_adapters
-from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message, Qos
 from riot_bus_logtools.editing.edit import edit
 from riot_bus_logtools.editing.options import EditOptions
+from tests.manual_clock import ManualClock
 from tests.tiers import scaled
 from tests.unit.riot_bus_logtools.editing.edit_tools import Raw, metadata, raw
 

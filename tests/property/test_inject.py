@@ -6,13 +6,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from riot_bus.inject.apply import inject_log
-from riot_bus.inject.plan import plan_to_toml, read_plan
+from riot_bus.inject.plan import read_plan
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Formula, Injection, Signal
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.predicate import parse_predicate
+from tests.plans import plan_to_toml
 from tests.tiers import scaled
 
 signals = st.builds(Signal, st.floats(-5, 5), st.floats(0, 5), st.integers(1, 4), st.integers(0, 9))

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.pipeline.event import Change
-from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message, Qos
+from tests.manual_clock import ManualClock
 from tests.tiers import scaled
 
 keys = st.sampled_from(["a", "rover/odom", "ü/€", "0/x/std_msgs::msg::dds_::String_/TypeHashNotSupported"]) | st.text(

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.inject.dictionary import load_dictionary
-from riot_bus.plugins import KINDS
+from tests.plugin_kinds import KINDS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^## ([^\n]*)\n(.*?)(?=^## |\Z)", PAGE, re.MULTILINE | re.DOTALL))

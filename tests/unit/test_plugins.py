@@ -16,12 +16,13 @@ from typer.testing import CliRunner
 from riot_bus import plugins
 from riot_bus.cli.main import make_app
 from riot_bus.log.writer import LogWriter
-from riot_bus.plugins import CODECS, KINDS, MONITORS
-from riot_bus.testing.reports import campaign_at
+from riot_bus.plugins import CODECS, MONITORS
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 from riot_bus.vocabulary.message import Message
 from riot_bus_bridges.cli.bridge import BRIDGES
+from riot_bus_testkit.reports import campaign_at
+from tests.plugin_kinds import KINDS
 
 DECLARED = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["entry-points"]
 

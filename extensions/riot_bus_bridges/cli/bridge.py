@@ -11,12 +11,12 @@ import typer
 from typer.core import TyperGroup
 
 from riot_bus.cli.ctl import Cfg
-from riot_bus.cli.declared import annotation_of, with_options
 from riot_bus.cli.help_groups import BUS
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.plugins import PluginKind
 from riot_bus.vocabulary.errors import ConfigError, RiotError
+from riot_bus_bridges.cli.options import annotation_of, with_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -32,11 +32,6 @@ class FleetLink:
     """Connection that announces an agent, receives its commands and publishes its progress.
 
     Args:
-        service: Service that carries out the commands.
-        commands: Commands by name.
-        robot: The robot's name.
-        endpoint: Endpoint of the fleet's router.
-        config: Further Zenoh configuration.
         say: Called with a line for each change of the link.
         failed: Called with an error that waiting cannot resolve, such as a wrong configuration.
     """

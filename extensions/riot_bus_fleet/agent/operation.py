@@ -57,7 +57,6 @@ class Operation(ABC, Generic[ServiceT]):
 
     Args:
         lead: Controller that asked for it, and what to do if it is lost.
-        changed: Called whenever the status changes.
     """
 
     kind: str
@@ -90,11 +89,7 @@ class Operation(ABC, Generic[ServiceT]):
         return not self._done.is_set()
 
     def stop(self, reason: str) -> None:
-        """End as soon as possible; does not wait for it.
-
-        Args:
-            reason: Reason, as a text for people.
-        """
+        """End as soon as possible; does not wait for it."""
         if not self._stopping.is_set():
             self.reason = reason[:_LONGEST]
             self._stopping.set()

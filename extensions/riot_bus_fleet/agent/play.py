@@ -25,11 +25,7 @@ class Play(Operation[PlayService]):
     """Plays logs into the robot's own bus.
 
     Args:
-        request: The controller's request.
-        names: The logs, as the controller calls them.
-        files: Paths of the logs' files.
         agent: Options of the robot's agent, which name the bus.
-        changed: Called whenever the status changes.
     """
 
     kind = "play"

@@ -27,12 +27,6 @@ class RecordOperation(Operation[CaptureService]):
     """Records the robot's own bus into its folder of logs.
 
     It ends by itself when the disk becomes too full.
-
-    Args:
-        request: The controller's request.
-        options: Options of the recorder.
-        agent: Options of the robot's agent.
-        changed: Called whenever the status changes.
     """
 
     kind = "record"

@@ -42,7 +42,6 @@ class Robot:
     """A robot on which an agent runs.
 
     Attributes:
-        name: Its name.
         agents: Number of agents with this name; more than one is a mistake.
         status: Status from the agent; None if it does not answer, or may not be asked.
     """
@@ -54,10 +53,6 @@ class Robot:
 
 def find_robots(endpoint: str, *, config: Mapping[str, Any] | None = None) -> list[Robot]:
     """Return the robots whose agents are connected, by name.
-
-    Args:
-        endpoint: The fleet's router.
-        config: Further Zenoh configuration.
 
     Raises:
         EnvironmentFaultError: No router answers.
@@ -85,13 +80,6 @@ def ask_robot(
     endpoint: str, robot: str, command: str, *, config: Mapping[str, Any] | None = None, **arguments: Any
 ) -> dict[str, Any]:
     """Ask a robot's agent one question.
-
-    Args:
-        endpoint: The fleet's router.
-        robot: Its name.
-        command: Name of the command without `agent/`, such as `status`.
-        config: Further Zenoh configuration.
-        arguments: Arguments of the command.
 
     Raises:
         EnvironmentFaultError: No router or no such robot answers.
@@ -142,11 +130,6 @@ class RemoteOperation:
 
     While it is open, it proves to the robot's agent on request that it is present, and it trusts a status of the
     operation only with a proof that it comes from the agent. Both use a secret of this operation alone.
-
-    Args:
-        endpoint: The fleet's router.
-        robot: The robot.
-        config: Further Zenoh configuration.
 
     Raises:
         EnvironmentFaultError: No router answers.

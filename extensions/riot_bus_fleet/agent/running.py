@@ -20,10 +20,6 @@ if TYPE_CHECKING:
 def run_agent(options: AgentOptions, foreground: Foreground) -> None:
     """Run until SIGINT or SIGTERM, then stop the current operation.
 
-    Args:
-        options: Options of the agent.
-        foreground: Frame that prints lines for the journal.
-
     Raises:
         ConfigError: An option is wrong, or Zenoh refuses a configuration.
         EnvironmentFaultError: The link to the fleet failed for good.

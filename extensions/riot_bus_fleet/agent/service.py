@@ -42,7 +42,6 @@ class AgentService:
     """The agent of a robot; a context manager that connects and, at the end, stops the current operation.
 
     Args:
-        options: Options of the agent.
         say: Called with a line for a journal about what it does.
 
     Raises:
@@ -113,11 +112,7 @@ class AgentService:
         }
 
     def answer(self, nonce: str) -> dict[str, Any]:
-        """Return the status with the proof that it comes from this agent, for the controller that asked.
-
-        Args:
-            nonce: Nonce of the controller's query.
-        """
+        """Return the status with the proof that it comes from this agent, for the controller that asked."""
         return self._proved(self.status(), nonce)
 
     def play(self, payload: bytes) -> None:

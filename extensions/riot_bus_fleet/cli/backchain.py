@@ -50,8 +50,8 @@ def backchain(
 
     Nothing is run. Exit code 5: these logs tell nothing about the field.
     """
-    from riot_bus.cli.narrate import step_progress
     from riot_bus.vocabulary.errors import InconclusiveError
+    from riot_bus_fleet.cli.options import step_progress
     from riot_bus_fleet.evidence.backchain import backchain as find_way
     from riot_bus_fleet.evidence.picture import check_picture, dot, write_picture
     from riot_bus_fleet.evidence.text import lines

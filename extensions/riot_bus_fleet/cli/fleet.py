@@ -10,8 +10,9 @@ import typer
 
 from riot_bus.cli.declared import declared
 from riot_bus.cli.help_groups import ROBOTS
-from riot_bus.cli.options import CatalogueFile, FindingsSystem, Format, OutputFormat, RunOptions, UnitName
+from riot_bus.cli.options import FindingsSystem, Format, OutputFormat, RunOptions, UnitName
 from riot_bus_fleet.cli import robots as fleet_robots
+from riot_bus_fleet.cli.options import CatalogueFile
 
 if TYPE_CHECKING:
     from riot_bus_fleet.logs.catalogue import Catalogue
@@ -156,13 +157,13 @@ def run(
     from rich.console import Console
 
     from riot_bus.chain.base.systems import system_of
-    from riot_bus.chain.base.testcases import load_case_template
     from riot_bus.chain.base.workspace import Workspace
     from riot_bus.cli.narrate import ConsoleNarrator
     from riot_bus.vocabulary.errors import ConfigError
     from riot_bus_fleet.logs.query import parse_query
     from riot_bus_fleet.logs.text import answer_lines
     from riot_bus_fleet.over_fleet import FleetOptions, exit_code, run_over
+    from riot_bus_fleet.testcases import load_case_template
 
     template = load_case_template(testcase)
     with _open(catalogue) as known:

@@ -11,9 +11,10 @@ import typer
 from riot_bus.cli.ctl import Cfg, Endpoint
 from riot_bus.cli.fastpath import warn
 from riot_bus.cli.help_groups import ROBOTS
-from riot_bus.cli.options import DEFAULT_OUT, CatalogueFile, Format, OutputFormat
+from riot_bus.cli.options import DEFAULT_OUT, Format, OutputFormat
 from riot_bus.cli.printing import print_lines, print_result
 from riot_bus.config.arguments import DEFAULT_ENDPOINT
+from riot_bus_fleet.cli.options import CatalogueFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -66,9 +67,9 @@ def scan(
     Exit code 1: the rule holds somewhere. 5: nothing could be judged.
     """
     from riot_bus.chain.base.workspace import open_finding
-    from riot_bus.cli.narrate import step_progress
     from riot_bus.findings.records import RuleRecord
     from riot_bus.vocabulary.errors import InconclusiveError
+    from riot_bus_fleet.cli.options import step_progress
     from riot_bus_fleet.scan import scan_logs
 
     source = rule if rule.is_file() or RuleRecord.exists(rule) else open_finding(rule)[0]

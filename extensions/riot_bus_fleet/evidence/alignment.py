@@ -45,7 +45,6 @@ class Response:
     """One internal field, at its own messages.
 
     Attributes:
-        name: The field.
         pieces: Number of the piece of each part.
         times: Times of each part's rows, in seconds.
         values: Its standardised values.

@@ -12,7 +12,7 @@ from riot_bus.chain.base.logs import internal_name
 from riot_bus.chain.base.systems import described
 from riot_bus.chain.base.workspace import open_finding
 from riot_bus.chain.unit.questions import named_fields
-from riot_bus.chain.whole.topic_graphs import RECORDED, RecordedComponents, declared_graph, joined, topics_named
+from riot_bus.chain.whole.topic_graphs import declared_graph, topics_named
 from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord
 from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
@@ -25,6 +25,7 @@ from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.selector import parse_selector
 from riot_bus_fleet.evidence.backtrack import Backtracked, FieldEvidence, backtrack
 from riot_bus_fleet.evidence.log_columns import LogColumns, read_pieces
+from riot_bus_fleet.evidence.recorded_graph import RECORDED, RecordedComponents, joined
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

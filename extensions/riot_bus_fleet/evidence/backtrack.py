@@ -19,6 +19,7 @@ import numpy as np
 from riot_bus.backchain.graph import ComponentTopics, Hop, TopicGraph
 from riot_bus_fleet.evidence.alignment import Piece, Variants, held_variants, response_of, topic_of
 from riot_bus_fleet.evidence.dependence import Dependence, dependences
+from riot_bus_fleet.evidence.topic_paths import loops, tree_once
 
 if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Progress
@@ -35,12 +36,8 @@ class FieldEvidence:
     """Evidence from the logs on whether one field follows another.
 
     Attributes:
-        source: The field that may be followed.
-        target: The field that may follow.
         rows: Number of messages of the target's topic behind it.
-        logs: Number of logs behind it.
         dependence: Result of the test; None if it was not tested.
-        reason: Reason why it was not tested.
     """
 
     source: str
@@ -151,7 +148,7 @@ def backtrack(
     result.externals = dict(externals) or traversal.ends
     roots = list(dict.fromkeys(map(topic_of, targets)))
     ends = {*result.externals, *traversal.ends, *traversal.blind}
-    result.trees = [graph.backtrack_tree(topic, ends, once=True) for topic in roots]
+    result.trees = [tree_once(graph, topic, ends) for topic in roots]
     around = frozenset().union(*(graph.reaching(topic) for topic in roots))
     # If something had to be guessed, there may be a path even if none is known.
     asked = set(result.externals) if traversal.guessed else set(result.externals) & around
@@ -165,7 +162,7 @@ def backtrack(
     result.edges = traversal.edges()
     result.unwritten = sorted(traversal.unwritten)
     result.missing = sorted((around & (traversal.seen | set(result.externals))) - set(tests.fields))
-    result.loops = [one for one in graph.loops() if set(one) & traversal.seen]
+    result.loops = [one for one in loops(graph) if set(one) & traversal.seen]
     result.unseen = traversal.unseen
     result.tested = tests.tested
     return result

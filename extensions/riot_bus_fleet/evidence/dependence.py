@@ -67,7 +67,6 @@ class Dependence:
     """Result of the test whether an internal field follows a candidate.
 
     Attributes:
-        name: The candidate.
         found: Whether it stands out, given all others that do.
         p_value: Chance of such evidence, or stronger, from any candidate left, if the response followed none of them.
         follows: Aspect of the response that follows it; None if nothing was found.

@@ -54,7 +54,6 @@ class LogEntry:
         place: Absolute path, or URL.
         size: Size in bytes.
         stamp: Value that changes when the file does: time of its last change, or the object's etag.
-        robot: Name of the robot that recorded it.
         named_by: Source of the name of the robot.
         readable: Whether it is a log at all; if not, `problem` says why and nothing else is known.
         problem: Description of what is wrong with it; empty if nothing is missing.

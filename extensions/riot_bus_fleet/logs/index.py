@@ -31,7 +31,6 @@ class IndexReport:
     """Result of indexing.
 
     Attributes:
-        logs: Number of logs that were found.
         fresh: Number of new or changed logs among these, which were read.
         damaged: Number of fresh logs of which something is missing, or that are not logs.
         gone: Number of logs that no longer exist.

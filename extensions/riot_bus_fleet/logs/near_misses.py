@@ -49,8 +49,6 @@ class LogScan:
     """Result of scanning one log for a rule.
 
     Attributes:
-        place: Path or URL of the log.
-        robot: Name of the robot that recorded it.
         judged: Messages of the rule's topics at which all of its fields were known.
         unknown: Messages of the last of its topics at which a field was not known.
         holds: Number of judged messages at which the rule holds.
@@ -97,7 +95,6 @@ class FleetScan:
     """Result of scanning a fleet's logs for a rule.
 
     Attributes:
-        rule: The rule as text.
         within: Distance below which a moment is a near miss, in nominal spreads.
         logs: All logs, nearest first; equally near ones stay in the given order.
     """

@@ -40,9 +40,6 @@ _LONGEST_RUN = 1 << 20  # with `_MOST_RUNS`, at most 16 MiB of metadata are fetc
 class ObjectStore:
     """A folder behind a URL, or a single log there.
 
-    Args:
-        url: URL, such as `s3://bucket/logs`.
-
     Raises:
         ConfigError: The URL is wrong, or a package is missing.
     """

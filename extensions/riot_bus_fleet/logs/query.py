@@ -42,7 +42,6 @@ class Query:
     """A query to a catalogue.
 
     Attributes:
-        text: The query as it was written.
         condition: SQL over the table `logs`, made of fixed parts.
         parameters: Values for its question marks.
     """

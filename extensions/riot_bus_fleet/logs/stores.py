@@ -45,9 +45,6 @@ class Store(Protocol):
 class FolderStore:
     """A folder of this machine, or a single log. Links to folders, or out of the folder, are not followed.
 
-    Args:
-        root: Path of the folder or log.
-
     Raises:
         ConfigError: The path does not exist, or is a pipe or a device.
     """

@@ -4,40 +4,28 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median, pstdev
-from typing import TYPE_CHECKING
 
 from riot_bus.backchain.encoding import SearchField
 from riot_bus.campaign.targets import ELEMENTS, Target, any_names, family_of, may_change, samples_by_topic, targets_of
 from riot_bus.chain.base.logs import nominal_values
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.generalize.forms.standalone import INTEGERS
+from riot_bus.system.system_file import Parameter, RunPace, SystemFile
 from riot_bus.types.brittle import why_brittle
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from riot_bus.chain.base.workspace import Workspace
-    from riot_bus.system.system_file import Parameter, RunPace, SystemFile
-    from riot_bus.vocabulary.message import Message, Scalar
+from riot_bus.vocabulary.message import Message, Scalar
 
 _REACH = 2500.0
-_MOST_TEXTS = 16
-"""Number of the most frequent texts of a field in the nominal log that are tried."""
-_LONGER, _LONG, _MOST_LONGER = 4, 16, 1 << 16
-"""Longest arrays: a multiple of their greatest nominal length, or a number of elements, and the most added elements:
-longer than anything that was foreseen, but an image does not fill memory."""
 _LIMITS = {**INTEGERS, "bool": (0, 1)}
 """Least and largest value of each type of whole numbers."""
 DELAY, LOSS = "#delay", "#loss"
 """Names, after the topic, of the fields for the delay of its messages in seconds and the share that is lost. No field
 of a type has such a name."""
-_PERIODS, _MOST_LOSS = 10, 0.95
-"""Largest delay of messages, as a multiple of their nominal period, if riot.toml states none; and the largest share of
-lost messages, which is not all, since a failing run is replayed from the messages that came."""
 
 
 _NEVER = "a topic without a message in the nominal log"
@@ -122,10 +110,7 @@ class ExternalField:
         """Return the injection that sets it to a number.
 
         Args:
-            value: The number.
             speed: Speed of the run, as a multiple of the system's own time.
-            start: Start of the injection, in seconds since the first message.
-            end: End of the injection, in seconds; None for never.
             message: Number of the only message of its topic that is changed; None for all in that time.
         """
         if self.path == DELAY:
@@ -144,12 +129,7 @@ class ExternalField:
         )
 
     def signal(self, seed: int, *, hold: int) -> Signal:
-        """Return a random signal over its nominal range.
-
-        Args:
-            seed: Seed of the signal.
-            hold: Number of messages for which a value is held.
-        """
+        """Return a random signal over its nominal range."""
         half = (self.high - self.low) / 2
         # so that all choices are equally likely
         reach = half + 0.499 if self.choices else half
@@ -181,10 +161,6 @@ def external_messages(workspace: Workspace) -> list[Message]:
 def driving_log(workspace: Workspace, pace: RunPace) -> tuple[Message, ...]:
     """Return the messages to play to the system in a nominal run; none if riot.toml names external components.
 
-    Args:
-        workspace: The system.
-        pace: Duration and speed of the run.
-
     Raises:
         ConfigError: There are no external components, and nothing external in the nominal log, or they share the
             system's segment.
@@ -201,7 +177,6 @@ def system_log(workspace: Workspace, duration: float | None = None) -> tuple[Mes
     """Return the external messages at the start of the nominal log, which has the speed of `nominal_run`.
 
     Args:
-        workspace: The system.
         duration: Seconds of the system's own time; by default those of a `trial_run`.
 
     Raises:
@@ -259,10 +234,6 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
 def left_out(workspace: Workspace, fields: Sequence[ExternalField]) -> dict[str, str]:
     """Return the external inputs that are not driven, and why, without those that riot.toml excludes.
 
-    Args:
-        workspace: The system.
-        fields: The external fields.
-
     Raises:
         ConfigError: riot.toml names no external topic.
     """
@@ -315,8 +286,9 @@ def _timing(topic: str, times: Mapping[str, Sequence[int]], file: SystemFile) ->
             hint=did_you_mean(topic, times) or "list topics of `external.topics`",
         )
     system, rate = file.system, message_rate(times[topic])
-    late = _PERIODS / rate * system.nominal_run.speed if rate else system.trial_run.duration / 2
-    for path, most in ((DELAY, late), (LOSS, _MOST_LOSS)):
+    late = 10 / rate * system.nominal_run.speed if rate else system.trial_run.duration / 2
+    # not all messages are lost, since a failing run is replayed from those that came
+    for path, most in ((DELAY, late), (LOSS, 0.95)):
         name = f"{topic}:{path}"
         if any_names(file.external.exclude, topic, path):
             continue
@@ -344,7 +316,7 @@ def _choices(name: str, seen: Sequence[Scalar], file: SystemFile) -> tuple[Scala
     stated = [values for pattern, values in file.external.values.items() if names_field(pattern, name)]
     if stated:
         return stated[-1]
-    return tuple(text for text, _ in Counter(one for one in seen if isinstance(one, str)).most_common(_MOST_TEXTS))
+    return tuple(text for text, _ in Counter(one for one in seen if isinstance(one, str)).most_common(16))
 
 
 def _chosen(target: Target, choices: tuple[Scalar, ...], seen: Sequence[Scalar], rate: float) -> ExternalField:
@@ -371,7 +343,8 @@ def _described(
     least, most = _LIMITS.get(type_name, (-math.inf, math.inf))
     usual = (nominal - _REACH * spread, nominal + _REACH * spread)
     if path.startswith("len("):
-        usual = (0.0, max(_LONG, min(_LONGER * max(numbers), max(numbers) + _MOST_LONGER)))
+        # longer than anything that was foreseen, but an image does not fill memory
+        usual = (0.0, max(16, min(4 * max(numbers), max(numbers) + (1 << 16))))
     low, high, first, last = (float(min(max(one, least), most)) for one in (low, high, *_range(name, usual, file)))
     return ExternalField(name, topic, path, type_name, nominal, spread, low, high, (first, last), rate)
 

@@ -62,13 +62,6 @@ def inputs_of(
 ) -> tuple[Message, ...]:
     """Return the messages of a log that are inputs of a unit.
 
-    Args:
-        unit: Name of the unit.
-        messages: Messages of the log.
-        file: System file that describes the unit.
-        registry: Registry that names topics.
-        path: Path of the log, for error messages.
-
     Raises:
         ConfigError: The log has no input of the unit.
     """
@@ -162,10 +155,7 @@ class NamedField:
 
     Attributes:
         name: `topic:path`, or `topic[i]:path` if the log has several messages of the topic.
-        position: Index of the message in the log.
         original: Value before the injection; None if the field was not changed.
-        kind: Type of the message.
-        payload: Payload of the message.
     """
 
     name: str
@@ -275,7 +265,6 @@ def _turned(messages: Sequence[Message], turned: set[int]) -> tuple[Message, ...
     """Return messages with the order of some adjacent pairs reversed; a chain of such pairs is reversed as a whole.
 
     Args:
-        messages: Messages of the log.
         turned: Position of the first message of each pair.
     """
     found: list[Message] = []

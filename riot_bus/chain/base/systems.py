@@ -7,18 +7,14 @@ import os
 import shlex
 import sysconfig
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.findings.records import FindingRecord, shortest_log
 from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
-from riot_bus.system.system_file import read_system
+from riot_bus.system.system_file import SystemFile, read_system
 from riot_bus.trial.context import types_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, RiotError
-
-if TYPE_CHECKING:
-    from riot_bus.system.system_file import SystemFile
 
 _LOG = logging.getLogger(__name__)
 _MOST_COMMANDS = 8  # a few lines of a terminal; the file has all of them
@@ -30,12 +26,6 @@ def system_of(recorded: str | None, folder: Path, *, named: Path | None = None, 
 
     Others may have written the finding, the file that it names, and what that starts. So this file is taken only if it
     is the same project's: below `root`, in another of its folders than the finding. Riot's own examples are taken too.
-
-    Args:
-        recorded: Path of the file that the finding was found with; None if that is not known.
-        folder: Folder of the finding, or its file.
-        named: File that the user has named.
-        root: Folder of the project; the working folder by default.
 
     Raises:
         ConfigError: There is none; the error names what the recorded file would start.
@@ -94,10 +84,6 @@ def described(folder: Path, *, named: Path | None = None) -> tuple[SystemFile | 
     """Return the system file of a finding, to be read alone, and the types of its messages, also those in its log.
 
     Of what the file names, installed adapters and codecs are loaded, and nothing else. It is None if it cannot be read.
-
-    Args:
-        folder: Folder of the finding.
-        named: File that the user has named instead.
 
     Raises:
         ConfigError: The named file cannot be used.

@@ -5,34 +5,31 @@ from __future__ import annotations
 import logging
 import os
 import time
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from riot_bus.campaign.store import ATTEMPTS, StoredRunner, TrialStore
 from riot_bus.chain.base.logs import inputs_of, read_messages
 from riot_bus.events import FindingWritten, Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
 from riot_bus.findings.records import Artefact, FindingRecord
+from riot_bus.findings.steps import ChainStep
 from riot_bus.given_files import given_file
 from riot_bus.log.reader import LogReader
 from riot_bus.plugins import hook
 from riot_bus.pool.nominal import needs_baseline, why_not_told
 from riot_bus.pool.runners import LocalRunners, RunnerFactory
 from riot_bus.report.regression import write_regression_test, write_reproduce
+from riot_bus.system.system_file import RunPace
+from riot_bus.trial.baseline import Baseline
 from riot_bus.trial.context import Context, open_system
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError, did_you_mean
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
-    from riot_bus.findings.steps import ChainStep
-    from riot_bus.system.system_file import RunPace
-    from riot_bus.trial.baseline import Baseline
-    from riot_bus.vocabulary.message import Message
 
 _LOG = logging.getLogger(__name__)
 NOMINAL = "nominal.mcap"

@@ -5,26 +5,22 @@ from __future__ import annotations
 import hashlib
 import shutil
 from collections import Counter
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 from riot_bus.backchain.activation import Activation, activate
 from riot_bus.backchain.proposers import PORTFOLIO
-from riot_bus.backchain.study import Study
 from riot_bus.chain.base.external import driving_log
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.whole.crash_region import FOLDER, axes_of, crash_region
 from riot_bus.chain.whole.driven_system import AGAIN, DrivenSystem
 from riot_bus.chain.whole.replay import Replay, replay
-from riot_bus.findings.activation import ActivationRecord
+from riot_bus.findings.activation import ActivationRecord, RegionRecord
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import FieldsRecord, FindingRecord
-from riot_bus.plugins import SEARCHES
+from riot_bus.plugins import SEARCHES, hook
 from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun
 
 _NO_TIME = "the region around it was not measured to its end: the time was over"
 _NONE_ODD = "the unit failed with values that are not finite only, and no field that reaches it can have such"
@@ -37,14 +33,6 @@ def activation(
     """Search the permeable external fields until the whole system fails; write `activation.mcap`.
 
     If runs of the whole system cannot show the failure, nothing is searched, and the record says why.
-
-    Args:
-        step: The running step.
-        folder: Folder of the finding.
-        budget: Runs of the whole system for the search; at most as many more repeat failing points.
-        search: Names of search methods (entry points `riot_bus.search`); none for `PORTFOLIO`.
-        study: Storage of optuna studies, such as `sqlite:///studies.db`: the search is one of them, and uses the runs
-            of others for the same finding, rule, fields, code and settings; empty for none.
 
     Raises:
         ConfigError: An earlier step has not been done, or there is no such method or storage.
@@ -78,7 +66,7 @@ def activation(
         return _not_tested(_NONE_ODD)
     finite = 0 if only_odd else max(1, budget - len(odd))
     result = Activation(None, 0, None, ())
-    shared = Study(study, _study_name(system, names)) if study else None
+    shared = hook("study", "riot_bus_cluster")(study, _study_name(system, names)) if study else None
     if finite:
         result = activate(
             [system.fields[name].search_field() for name in names],
@@ -94,54 +82,69 @@ def activation(
         )
     if result.found is None:
         result = result.followed_by(system.search_each(odd[: budget - result.runs]))
-    found, played, region = None, Replay(), None
     left_out = f"; not tried: {unset}" if unset else ""
-    text = result.text + (f"; {_ONLY_ODD}" if only_odd else "") + left_out
-    if result.found is None and (limited := system.limited()):
-        text += f"; of constant values, the nearest are at the end of what may be tried for {', '.join(limited)}"
-    if result.found is not None:
-        found = system.needed(system.simplest(result.found))
-        played = _replayed(system, found)
-    controls_failed, controls = system.controls() if found is not None or system.chance else (0, 0)
-    if found is not None:
+    if result.found is None:
+        text = result.text + (f"; {_ONLY_ODD}" if only_odd else "") + left_out
+        if limited := system.limited():
+            text += f"; of constant values, the nearest are at the end of what may be tried for {', '.join(limited)}"
+        end = _End(None, Replay(), None, text, system.controls() if system.chance else (0, 0))
+    else:
         axes = [name for name in axes_of(permeable, system.fields) if name in names]
-        try:
-            region = crash_region(system, axes, found)
-        except OutOfTimeError:
-            left_out += f"; {_NO_TIME}"
-        text = result.with_inputs(system.in_words(found)) + left_out
-        if (
-            region
-            and not played.reliable
-            and (deeper := system.deeper(found))
-            and system.run([deeper], "again")[0].failed
-        ):
-            again = _replayed(system, deeper)
-            if again.failed > played.failed:
-                found, played = deeper, again
-                text = result.with_inputs(system.in_words(found)) + left_out
-            else:
-                _replayed(system, found)  # answered by the store; it writes the logs again
+        end = _confirmed(system, result, result.found, axes, left_out)
+    return _record(system, result, end)
+
+
+class _End(NamedTuple):
+    """Where a search has ended: at a point, or nowhere; `controls` are failed and all runs with nominal inputs."""
+
+    found: Mapping[str, float] | None
+    played: Replay
+    region: RegionRecord | None
+    text: str
+    controls: tuple[int, int]
+
+
+def _confirmed(
+    system: DrivenSystem, result: Activation, point: Mapping[str, float], axes: Sequence[str], left_out: str
+) -> _End:
+    """Replay a failing point, as simple as possible, and measure the region around it."""
+    found = system.needed(system.simplest(point))
+    played, controls, region = _replayed(system, found), system.controls(), None
+    try:
+        region = crash_region(system, axes, found)
+    except OutOfTimeError:
+        left_out += f"; {_NO_TIME}"
+    if region and not played.reliable and (deeper := system.deeper(found)) and system.run([deeper], "again")[0].failed:
+        again = _replayed(system, deeper)
+        if again.failed > played.failed:
+            found, played = deeper, again
+        else:
+            _replayed(system, found)  # answered by the store; it writes the logs again
+    return _End(found, played, region, result.with_inputs(system.in_words(found)) + left_out, controls)
+
+
+def _record(system: DrivenSystem, result: Activation, end: _End) -> ActivationRecord:
+    found, played = end.found, end.played
     return ActivationRecord(
         found=None if found is None else system.told(found),
         runs=result.runs,
         best_distance=result.best_distance,
         replays=played.total,
         replays_failed=played.failed,
-        region=region,
+        region=end.region,
         points=tuple(system.points),
         messages=played.messages,
         needed=played.needed,
         needed_proven=played.proven,
-        text=text,
+        text=end.text,
         unneeded=tuple(sorted(system.moved(result.found or {}) - system.moved(found or {}))),
-        controls=controls,
-        controls_failed=controls_failed,
+        controls=end.controls[1],
+        controls_failed=end.controls[0],
         chance=system.chance,
         others=dict(system.others.most_common()),
         controls_others=dict(system.controls_others.most_common()),
         replays_others=dict(Counter(played.others).most_common()),
-        played=bool(driving),
+        played=bool(system.driving),
     )
 
 

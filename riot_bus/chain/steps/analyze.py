@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-from riot_bus.chain.steps.step_budgets import budget_within
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.chain.unit.absence import other_cause
 from riot_bus.events import AnalysisFinished, StepStopped
-from riot_bus.findings.records import FindingRecord
+from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.findings.steps import STEPS, ChainStep
 from riot_bus.report.page import write_report
 from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import Workspace
+_USUAL = {"minimize": 30, "relevance": 100, "rules": 260, "permeability": 8, "activate": 120}
+"""Usual number of trials of each step: those of the demo."""
+_MOST = {"rules": 260, "permeability": 12, "activate": 400}
+"""Most trials of a step with its default budget, of those steps that are limited; the others end before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +26,6 @@ class Analysis:
     """A finding that has gone through the chain.
 
     Attributes:
-        folder: Folder of the finding; `riot_bus.report.finding_view.load` reads all that is known about it.
-        report: Path of the report page.
-        stopped: Reason why the chain ended early; empty if it did not.
         unfinished: Whether it ended early for lack of time.
     """
 
@@ -75,13 +72,6 @@ def analyze(
 ) -> Analysis:
     """Take a finding through all steps; an inconclusive step ends the chain, but the report is always written.
 
-    Args:
-        workspace: The system, its output folder and its slots.
-        folder: Folder of the finding.
-        further: Steps of other packages, which come after the built-in ones.
-        options: Options of steps, by the name of the step.
-        left: Function that returns the seconds left for this finding; budgets of steps are such that each gets a part.
-
     Raises:
         ConfigError: `finding.json` or the file of a finished step cannot be used.
     """
@@ -105,3 +95,27 @@ def analyze(
     report = write_report(folder, open_questions=open_questions)
     workspace.tell(AnalysisFinished(str(folder), str(report), stopped))
     return Analysis(folder, report, stopped, unfinished)
+
+
+def budget_within(workspace: Workspace, folder: Path, steps: Sequence[ChainStep], seconds: float) -> dict[str, int]:
+    """Return the option that limits the first of some steps, so that time is left for others; none if it suffices."""
+    name, option = steps[0].name, next(iter(steps[0].options), None)
+    if name not in _MOST or option is None or not isinstance(option.default, int):
+        return {}
+    costs = {step.name: _seconds_per_trial(workspace, folder, step) for step in steps if step.name in _USUAL}
+    share = costs[name] * _USUAL[name] / sum(cost * _USUAL[each] for each, cost in costs.items())
+    scale = seconds * share / (costs[name] * _MOST[name])
+    return {} if scale >= 1.0 else {option.name: max(option.min or 1, int(option.default * scale))}
+
+
+def _seconds_per_trial(workspace: Workspace, folder: Path, step: ChainStep) -> float:
+    system = workspace.context.file.system
+    if step.whole_system:
+        pace = system.perturbed_run if step.name == "permeability" else system.trial_run
+        return (pace.duration / pace.speed + 0.3) / workspace.jobs
+    kinds = [each.kind for each in STEPS[1:] if not each.whole_system]
+    records = [kind.load(folder) for kind in kinds if kind.exists(folder)]
+    if not any(record.trials for record in records) and CampaignRecord.exists(workspace.out):
+        records = [CampaignRecord.load(workspace.out)]
+    trials = sum(record.trials for record in records)
+    return sum(record.seconds for record in records) / trials if trials else 0.05

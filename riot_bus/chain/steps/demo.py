@@ -3,31 +3,18 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.chain.steps.analyze import Analysis, analyze_all
 from riot_bus.chain.steps.robustness import test_unit, tested
 from riot_bus.log.info import log_info
 from riot_bus.report import finding_view as view
 from riot_bus.vocabulary.counting import counted
 
-if TYPE_CHECKING:
-    from riot_bus.chain.base.workspace import Workspace
 
-_TRIALS = 60  # as `--budget` of `riot demo`, which takes two to four minutes (README.md)
-
-
-def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None = None) -> dict[str, Any]:
-    """Record, test, explain and backchain; return the figures.
-
-    An interrupted run resumes where it stopped: finished steps are read from their files, and trials of the
-    interrupted step come from the store.
-
-    Args:
-        workspace: The system, its output folder and its slots.
-        trials: Budget of the unit's campaign.
-        seconds: Time budget of the unit's campaign.
-    """
+def demo(workspace: Workspace, *, trials: int) -> dict[str, Any]:
+    """Record, test, explain and backchain, or go on with that; return the figures."""
     started = time.monotonic()
     unit = workspace.context.file.choose_unit(None)
     with workspace.step("record") as step:
@@ -36,7 +23,7 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
         step.end(f"nominal run of {workspace.context.file.system.name}: {counted(count, 'message')}")
     folders = tested(workspace, unit)
     if folders is None:
-        folders = test_unit(workspace, unit, trials=trials, seconds=seconds, covered=False)
+        folders = test_unit(workspace, unit, trials=trials, seconds=None, covered=False)
     figures = {"seed": workspace.seed, "nominal_messages": count}
     analyses = analyze_all(workspace, folders)
     if analyses:

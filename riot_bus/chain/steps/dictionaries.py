@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.campaign.bindings import AppliesTo, applied, misfits
 from riot_bus.chain.base.logs import inputs_of, read_messages
@@ -14,24 +14,12 @@ from riot_bus.system.system_file import read_system
 from riot_bus.trial.context import types_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import Message
 
 
 @dataclass(frozen=True, slots=True)
 class ListedDictionary:
-    """A dictionary file in a list.
-
-    Attributes:
-        name: `package/file.toml`, or the path of a file of the user's own.
-        units: Units of riot.toml that name it.
-        values: Number of values for all fields of their types.
-        fields: Number of bindings to some fields.
-        mutations: Number of mutations of messages.
-    """
+    """A dictionary file in a list."""
 
     name: str
     units: tuple[str, ...]
@@ -42,15 +30,7 @@ class ListedDictionary:
 
 @dataclass(frozen=True, slots=True)
 class DictionaryLog:
-    """A log to which a dictionary is applied.
-
-    Attributes:
-        name: Name of the log, for people.
-        messages: Messages of the log.
-        registry: Registry of their types.
-        leave: Patterns of fields that campaigns leave alone.
-        include: Patterns of brittle fields that campaigns change.
-    """
+    """A log to which a dictionary is applied."""
 
     name: str
     messages: Sequence[Message]
@@ -104,11 +84,6 @@ def find_dictionary(name: str) -> tuple[str, str]:
 
 def log_to_apply_to(log: Path | None, system: Path | None, unit: str | None) -> DictionaryLog | None:
     """Return the log to use: a file, or the inputs of a unit in it or in the nominal log; None if none is named.
-
-    Args:
-        log: Path of a log.
-        system: System file that describes the unit.
-        unit: The unit, if there are several.
 
     Raises:
         ConfigError: A file cannot be read, or there is no nominal log yet.

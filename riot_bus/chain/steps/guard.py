@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from riot_bus.chain.base.logs import FailingLog, inputs_of, read_messages
 from riot_bus.chain.base.systems import described, system_of
@@ -14,29 +15,17 @@ from riot_bus.chain.base.workspace import NOMINAL
 from riot_bus.findings.records import FindingRecord, RuleRecord, shortest_log
 from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.system.system_file import SystemFile
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.toml_text import toml_string
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.system.system_file import SystemFile
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
 
 
 @dataclass(frozen=True, slots=True)
 class GuardTrial:
-    """Effect of a guard on a log.
-
-    Attributes:
-        log: Name of the log.
-        messages: Number of messages of the unit's input in it.
-        met: Number of messages for which the rule held.
-        done: Number of messages by action: dropped, clamped, held, reported.
-        unread: Number of messages that could not be judged, since they lack a field of the rule.
-    """
+    """Effect of a guard on a log."""
 
     log: str
     messages: int
@@ -56,10 +45,6 @@ class GuardPlan:
     """A guard for riot.toml and for the command line, and its effect on the finding's logs.
 
     Attributes:
-        rule: The finding's rule, as text.
-        toml: Lines for riot.toml.
-        command: The command that starts a router with it.
-        trials: Its effect on the logs of the finding, the nominal one first if there is one.
         bypassed: Components that publish a topic of the rule on the unit's own segment, where nothing is intercepted.
     """
 
@@ -80,10 +65,6 @@ class GuardPlan:
 
 def plan_guard(folder: Path, *, action: Literal["drop", "clamp", "hold", "report"] = "drop") -> GuardPlan:
     """Try a guard on the logs of a finding, and say how to put it in front of the unit; nothing is started.
-
-    Args:
-        folder: Folder of the finding.
-        action: Action on messages for which the rule holds.
 
     Raises:
         ConfigError: There is no rule, or a guard cannot carry it out.

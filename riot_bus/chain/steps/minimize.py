@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from pathlib import Path
+from typing import Self
 
 from riot_bus.campaign.confirm import join_logs
 from riot_bus.chain.base.logs import FailingLog
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.absence import absent_messages, write_other_cause
 from riot_bus.chain.unit.questions import (
     FEWEST,
@@ -25,25 +28,10 @@ from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun
-
-_INJECTED = 20.0
-_RECENT = 1.0
 _UNMODIFIED, _DOUBT = 0.1, 0.02
 """Prior probability that the kept messages fail unmodified, and the doubt below which that is decided."""
-_ALWAYS = 0.95
-"""An estimated failure rate above this is taken to be 1."""
-_FRESH = 4
-"""Fresh trials that show that what is left of several modified messages always fails; a rate of 0.3 passes for that
-once in 123 times."""
 _NEEDS_PROBE = frozenset({"silent", "growth", "limit", "mined"})
 """Monitors whose violations only a probe shows, or that may see them late."""
-_APART = 1_000_000
-"""Nanoseconds between messages of a log that is fed as fast as the unit takes it: its timestamps do not matter."""
 
 
 def minimize(step: StepRun, folder: Path, *, budget: int = BUDGET) -> MinimalRecord:
@@ -52,11 +40,6 @@ def minimize(step: StepRun, folder: Path, *, budget: int = BUDGET) -> MinimalRec
     Modified values return to nominal or simple ones as far as the failure persists. If no modification is needed,
     the record names the messages of the nominal log that are missing. If the step is interrupted, the best result so
     far is saved and marked as unproven.
-
-    Args:
-        step: The running step.
-        folder: Folder of the finding.
-        budget: Maximum number of trials.
 
     Raises:
         InconclusiveError: The failing log does not fail again.
@@ -158,7 +141,6 @@ class _Minimization:
         """Return the messages of a log that are needed.
 
         Args:
-            log: A log that fails.
             within: The result so far that holds this log, to be reduced further; None for a first search.
         """
         n = len(log.messages)
@@ -171,7 +153,7 @@ class _Minimization:
             n,
             lambda questions: self.ask([log.keep(kept) for kept in questions]),
             weights=[
-                (_INJECTED if message.sequence in log.originals else 0.1) + _RECENT * (index + 1) / n
+                (20.0 if message.sequence in log.originals else 0.1) + (index + 1) / n
                 for index, message in enumerate(log.messages)
             ],
             groups=[self.context.registry.topic(message.key) for message in log.messages],
@@ -195,7 +177,8 @@ class _Minimization:
     def _simplified(self, found: _Found) -> _Found:
         """Return the result with values as simple as possible, and without messages that are no longer needed."""
         if not self.paced:
-            found = replace(found, log=spaced(found.log, [_APART] * (len(found.log.messages) - 1)))
+            # it is fed as fast as the unit takes it, so its timestamps do not matter: a millisecond apart
+            found = replace(found, log=spaced(found.log, [1_000_000] * (len(found.log.messages) - 1)))
         if not found.minimal.one_minimal:
             return found
         spent, nominal = self.spent, self.step.workspace.known_unit_log(self.finding.unit)
@@ -246,12 +229,12 @@ class _Minimization:
             InconclusiveError: None of the fresh trials failed.
         """
         failed, total = found.minimal.failed
-        always = failed == total and found.minimal.noise.rate > _ALWAYS
+        always = failed == total and found.minimal.noise.rate > 0.95  # an estimate
         if always and len(self.log.originals) < 2:
             return found
         failed = total = 0
         if always:  # so the whole log does, which has several modified messages: as many chances to fail
-            total = min(_FRESH, self.budget - self.spent)
+            total = min(4, self.budget - self.spent)  # a rate of 0.3 passes for always once in 123 times
             failed = sum(self._failing([found.log] * total))
             if failed == total:
                 self.spent += total

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 from riot_bus.backchain.permeability import may_latch
 from riot_bus.chain.base.external import ExternalField, driving_log, external_fields, left_out, message_rate
 from riot_bus.chain.base.logs import internal_name, nominal_values
+from riot_bus.chain.base.workspace import StepRun, Workspace
 from riot_bus.chain.unit.questions import named_fields
 from riot_bus.chain.whole.driven import DrivenRuns, Perturbed, Usual, edge_record, internal_of, skip_reasons, strongest
 from riot_bus.chain.whole.intermediate import intermediate_fields, most_permeable_paths, with_strengths
@@ -16,16 +19,8 @@ from riot_bus.findings.records import FindingRecord
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.order import order_of
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun, Workspace
-
-_ALPHA = 0.01
-_ALPHA_AGAIN = 0.05
-"""For further runs, which only have to confirm effects found already."""
-_FEWEST_AGAIN = 4
+_ALPHA, _ALPHA_AGAIN = 0.01, 0.05
+"""Accepted shares of false discoveries, the second of further runs, which only have to confirm effects."""
 _SEARCHED = 3
 """Most runs that search for fields that freeze the inner ones, as a multiple of the long runs."""
 _BETWEEN = 3
@@ -45,14 +40,11 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     These internal fields are the relevant ones and those of the rule.
 
     Args:
-        step: The running step.
-        folder: Folder of the finding.
         runs: Number of long runs of the whole system. Half as many more follow if an effect is so weak that it may be
             chance. Three times as many, with constant fields, follow if some fields show nothing within runs (such as
             those of a message that is sent once), if nothing reaches an internal field, or if only the first value of a
             field seems to count. If still nothing reaches one, as many again follow with values beyond the nominal
             ones. If an effect nearly shows in either of these, their number is doubled.
-        prune: Whether to leave out external topics that cannot reach a relevant topic in the declared graph.
 
     Raises:
         ConfigError: The step before has not been done, or nothing external is described.
@@ -82,7 +74,6 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             where=str(file.path),
             hint="are `inputs` and `outputs` of all components complete? --no-prune tests everything",
         )
-    signalled = [field for field in driven if not field.constant]
     sources = sorted({field.topic for field in driven if not field.parameter})
     outside = frozenset().union(*(topics_named(one, keys, registry) for one in file.external.topics))
     intermediates = intermediate_fields(workspace, graph, topics, outside)
@@ -92,15 +83,72 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     runner = step.system_runner(observe=observed, pace=pace)
     usual = _usual(workspace, internals)
     system = DrivenRuns(step, runner, driving, internals, usual, pace.speed, finding.signature, intermediates)
+    measured = _measured(system, driven, runs)
+    edges, told = measured.edges, {external for external, _ in measured.edges}
+    failed = system.failures.pop(finding.signature, 0)
+    trees = [graph.backtrack_tree(topic, outside).as_json() for topic in topics]
+    known = (*edges.values(), *measured.intermediate.values())
+    return PermeabilityRecord(
+        edges=tuple(sorted(edges.values(), key=_rank)),
+        intermediate=tuple(sorted(measured.intermediate.values(), key=_rank)),
+        paths=most_permeable_paths(trees, known),
+        runs=measured.runs,
+        untested={
+            name: why
+            for name, why in left_out(workspace, fields).items()
+            if not prune or not {name, name.rpartition(":")[0]} & keys.keys() - reaching
+        }
+        | {
+            field.name: _ALONE if field.alone else measured.untold.get(field.name, _UNTOLD)
+            for field in reach
+            if field.name not in told
+        },
+        pruned=pruned,
+        nominal={field.name: (field.nominal, field.spread) for field in driven if field.name not in measured.apart},
+        tree=[with_strengths(tree, known) for tree in trees],
+        system=finding.system,
+        unseen={
+            name: _IDLE if name in measured.valued else _UNSEEN
+            for name in internals
+            if name not in {internal for _, internal in edges}
+        },
+        failed=failed,
+        failing=tuple(system.failing),
+        others=dict(system.failures.most_common()),
+        played=bool(driving),
+    )
+
+
+class _Measured(NamedTuple):
+    """What runs have shown.
+
+    Attributes:
+        edges: Results for pairs of external and internal fields.
+        intermediate: The same for external and intermediate ones.
+        untold: External fields that could not be judged, and why; of these, `apart` were left out of the runs.
+        valued: Internal fields with a value in any run.
+    """
+
+    edges: dict[tuple[str, str], EdgeRecord]
+    intermediate: dict[tuple[str, str], EdgeRecord]
+    untold: dict[str, str]
+    apart: Collection[str]
+    valued: set[str]
+    runs: int
+
+
+def _measured(system: DrivenRuns, fields: Sequence[ExternalField], runs: int) -> _Measured:
+    """Drive fields within runs, and those that show nothing there, or whose first value may count, between runs."""
+    signalled = [field for field in fields if not field.constant]
     done, apart, count = _driven_without_refused(system, signalled, runs)
     outcomes = [outcome for _, outcome in done]
     for field in signalled:
         if field.name not in apart and (why := system.why_undriven(field, outcomes)):
             apart[field.name] = why
-    driven, signalled = ([field for field in some if field.name not in apart] for some in (driven, signalled))
+    driven, signalled = ([field for field in some if field.name not in apart] for some in (fields, signalled))
     result = system.analysed(done, alpha=_ALPHA)
     if result.doubtful():
-        fresh = system.within(signalled, range(count, count + max(_FEWEST_AGAIN, runs // 2)))
+        fresh = system.within(signalled, range(count, count + max(4, runs // 2)))
         done, count = done + fresh, count + len(fresh)
         again = system.analysed(fresh, alpha=_ALPHA_AGAIN)
         result = result.confirmed_by(again, system.analysed(done, alpha=_ALPHA))
@@ -109,7 +157,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     intermediate = strongest(_unless_doubtful(edge_record(edge, "within runs")) for edge in beside.edges)
     within = system.runs(done)
     seen = {name for run in within for name, series in run.outputs.items() if series.values}
-    valued = {name for name in internals if any(outcome.observed[name].values for _, outcome in done)}
+    valued = {name for name in system.internals if any(outcome.observed[name].values for _, outcome in done)}
     untold, tested = skip_reasons(result), {pair: [edge.design] for pair, edge in edges.items()}
     told, reached = {external for external, _ in edges}, {pair for pair, edge in edges.items() if edge.permeable}
     constant = [
@@ -134,40 +182,8 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
                 tested.setdefault(pair, []).append(design)
                 if pair not in edges or (edge.permeable and not edges[pair].permeable):
                     edges[pair] = edge
-    told = {external for external, _ in edges}
     edges = {pair: edge.model_copy(update={"tested": tuple(tested[pair])}) for pair, edge in edges.items()}
-    failed = system.failures.pop(finding.signature, 0)
-    trees = [graph.backtrack_tree(topic, outside).as_json() for topic in topics]
-    known = (*edges.values(), *intermediate.values())
-    return PermeabilityRecord(
-        edges=tuple(sorted(edges.values(), key=_rank)),
-        intermediate=tuple(sorted(intermediate.values(), key=_rank)),
-        paths=most_permeable_paths(trees, known),
-        runs=count,
-        untested={
-            name: why
-            for name, why in left_out(workspace, fields).items()
-            if not prune or not {name, name.rpartition(":")[0]} & keys.keys() - reaching
-        }
-        | {
-            field.name: _ALONE if field.alone else apart.get(field.name, untold.get(field.name, _UNTOLD))
-            for field in reach
-            if field.name not in told
-        },
-        pruned=pruned,
-        nominal={field.name: (field.nominal, field.spread) for field in driven},
-        tree=[with_strengths(tree, known) for tree in trees],
-        system=finding.system,
-        unseen={
-            name: _IDLE if name in valued else _UNSEEN
-            for name in internals
-            if name not in {internal for _, internal in edges}
-        },
-        failed=failed,
-        failing=tuple(system.failing),
-        others=dict(system.failures.most_common()),
-        played=bool(driving),
-    )
+    return _Measured(edges, intermediate, untold | apart, apart.keys(), valued, count)
 
 
 def _driven_without_refused(

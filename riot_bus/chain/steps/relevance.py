@@ -4,32 +4,27 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from pathlib import Path
+from typing import TypeVar
 
 from riot_bus.chain.base.logs import FailingLog, NamedField, NamedFields
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.orders import order_spaces
 from riot_bus.chain.unit.questions import FreshCases, UnitQuestions, draws_for, json_value
 from riot_bus.chain.unit.structure import parts_of, search_structure
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, MinimalRecord, StructureRecord
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.generalize.relevance import BUDGET, FieldSpace, RelevantField, relevant_fields
+from riot_bus.statistics.noise import Noise
+from riot_bus.system.system_file import Unit
+from riot_bus.trial.context import Context
 from riot_bus.types.brittle import why_brittle
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Ask
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.statistics.noise import Noise
-    from riot_bus.system.system_file import Unit
-    from riot_bus.trial.context import Context
-
-_REPEATS, _MOST = 3, 30
-"""Fewest and most fresh trials of each side of a certificate; 30 decide at a failure rate of 0.2."""
 _DOUBT, _REFUTED = 0.05, 0.002
 """Doubt that still confirms a side, and probability that drops it: low, so that bad luck does not refute the search."""
 _AFTER = 1000
@@ -61,11 +56,6 @@ def relevance(step: StepRun, folder: Path, *, budget: int = BUDGET) -> FieldsRec
 
     Both trials of each certificate are repeated until fresh trials alone confirm it, or it is dropped. Further trials
     show what the failure needs besides values: keys, the order of messages, times between them.
-
-    Args:
-        step: The running step.
-        folder: Folder of the finding.
-        budget: Maximum number of trials of the search.
 
     Raises:
         ConfigError: The step before has not been done.
@@ -161,12 +151,7 @@ def _with_structure(
 
 
 def field_spaces(questions: UnitQuestions, considered: Sequence[NamedField]) -> list[FieldSpace]:
-    """Return for each field the values that may replace the one that it has in the minimal log.
-
-    Args:
-        questions: Questions to the unit, whose dictionary and nominal log the values come from.
-        considered: Fields of the minimal log.
-    """
+    """Return for each field the values that may replace the one that it has in the minimal log."""
     observed = questions.nominal(considered)
     return [
         FieldSpace(
@@ -193,11 +178,11 @@ def _repeated(side: QuestionT, fails: int, ask: Ask[QuestionT], noise: Noise) ->
     """Repeat one side of a certificate until fresh trials alone decide about it, or their limit is reached."""
     failed = total = 0
     while True:
-        count = max(1, _REPEATS - total)
+        count = max(1, 3 - total)
         failed, total = failed + sum(ask([side] * count)), total + count
         chance = noise.triggers(failed, total - failed)
         sure = chance if fails else 1 - chance
-        if not _REFUTED < sure < 1 - _DOUBT or total >= _MOST:
+        if not _REFUTED < sure < 1 - _DOUBT or total >= 30:  # enough at a failure rate of 0.2
             return _Side(failed if fails else total - failed, total, sure >= 1 - _DOUBT)
 
 

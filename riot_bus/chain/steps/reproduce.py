@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import Literal
 
 from riot_bus.chain.base.external import driving_log, parameter_name
 from riot_bus.chain.base.logs import FailingLog
@@ -20,16 +22,9 @@ from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.injection import PARAMETERS, Injection
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict, Violation
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from riot_bus.vocabulary.message import Message
-
-_LEAST, _MOST, _MOST_RUNS = 3, 60, 20
-"""Fewest trials, most trials of the unit, and most runs of the whole system, if no number is given."""
 _DOUBT = 0.05
 """Accepted doubt about the answer."""
 _NO_LOG = "there is no nominal log"
@@ -47,8 +42,6 @@ class Reproduction:
     Attributes:
         answer: `failing otherwise`: every trial failed, all in the same way, but none as before.
         missed: For `fixed`: the probability that no trial would have failed if the failure still had its former rate.
-        others: Other failures that occurred, each once.
-        expected: Failure rate of earlier trials.
     """
 
     answer: Answer
@@ -87,13 +80,6 @@ def play_again(
 ) -> Reproduction:
     """Play a finding's log to fresh components until it is decided whether it fails as often as before, or not at all.
 
-    Args:
-        workspace: The system, its output folder and its slots.
-        folder: Folder of the finding.
-        times: Number of fresh trials; None for as many as it takes.
-        whole_system: Whether to play the external messages of `activation.mcap` to the whole system instead of the
-            minimal log to the unit.
-
     Raises:
         InconclusiveError: Runs of the whole system or nominal trials of the unit cannot tell, or the monitor that found
             the failure had nothing to judge.
@@ -131,7 +117,7 @@ def play_again(
         minimal = MinimalRecord.find(folder)
         noise, unprobed = noise_of(finding, minimal), minimal is not None and minimal.unprobed
     ordered = finding.ordered and not whole_system
-    most = times or (_MOST_RUNS if whole_system else _MOST)
+    most = times or (20 if whole_system else 60)
     case = TestCase(messages, parameters, ordered=ordered, unprobed=unprobed)
     cases = [replace(case, seed=workspace.seed + number) for number in range(most)]
     outcomes = _outcomes(workspace, runner, cases, finding.signature, noise, all_of_them=times is not None)
@@ -170,10 +156,6 @@ def why_untold(workspace: Workspace, *, unit: str, monitor: str, signature: str,
     A hang without a place means that the unit never came to rest, or took no messages: that shows in any trial.
 
     Args:
-        workspace: The system.
-        unit: Name of the unit.
-        monitor: The monitor that found the failure.
-        signature: Signature of the failure.
         nominal: The unit's nominal log, empty if there is none.
     """
     place = signature.partition(": ")[2]
@@ -232,7 +214,7 @@ def _outcomes(
     """Run cases until they decide the answer, or all of them, and return their outcomes."""
     outcomes: list[Outcome] = []
     while len(outcomes) < len(cases):
-        count = len(cases) if all_of_them else runner.parallelism if outcomes else _LEAST
+        count = len(cases) if all_of_them else runner.parallelism if outcomes else 3
         for outcome in runner.run(cases[len(outcomes) : len(outcomes) + count]):
             StepRun(workspace, "reproduce").told(outcome)
             if not outcome.judged:

@@ -7,22 +7,25 @@ import logging
 import math
 import shutil
 from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.campaign.bindings import naming_nothing, never_applied
-from riot_bus.campaign.campaign import CampaignResult, run_campaign
+from riot_bus.campaign.campaign import CampaignResult, CampaignSettings, run_campaign
 from riot_bus.campaign.covering import Covering, failure_rates
 from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.malformed import malformations
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.situations import situations_of
+from riot_bus.campaign.store import StoredRunner
 from riot_bus.campaign.targets import targets_of, with_observed
 from riot_bus.campaign.triage import Failure, Types, complexity, finding_id, severity
+from riot_bus.campaign.variations import Variation
 from riot_bus.chain.base.external import driving_log, system_log
+from riot_bus.chain.base.injections import injection_of
 from riot_bus.chain.base.logs import FailingLog
-from riot_bus.chain.base.testcases import injection_of
+from riot_bus.chain.base.workspace import StepRun, Workspace
 from riot_bus.chain.unit.leaks import find_leak
 from riot_bus.chain.unit.questions import dictionary_of
 from riot_bus.events import CampaignFinished, CampaignStarted
@@ -40,37 +43,21 @@ from riot_bus.log.reader import read_log
 from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.format import clean
 from riot_bus.statistics.rates import Proportion, proportion
+from riot_bus.trial.baseline import Baseline
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
-
-    from riot_bus.campaign.store import StoredRunner
-    from riot_bus.campaign.variations import Variation
-    from riot_bus.chain.base.workspace import StepRun, Workspace
-    from riot_bus.trial.baseline import Baseline
-    from riot_bus.vocabulary.injection import Injection
-    from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Outcome, TestCase
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Outcome, Runner, TestCase
 
 _LOG = logging.getLogger(__name__)
-_MOST_LEAKS = 5
-"""Most cases whose log is played several times, to see whether growth goes on: that may take as long as 64 trials."""
 _TRIES, _MOST_TRIES, _MISSED = 5, 30, 0.05
 """Trials for evidence in one call of a runner, trials in all at most, and the accepted probability that none fails."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Subject:
-    """The subject of a campaign: a unit with its nominal log, or the running system with its external messages.
-
-    Attributes:
-        name: Name of the subject.
-        log: Nominal messages for which injections are planned.
-        leave: Patterns of fields that are left alone.
-        include: Patterns of fields that are injected though they would be left alone.
-    """
+    """The subject of a campaign: a unit with its nominal log, or the running system with its external messages."""
 
     unit: str
     name: str
@@ -107,11 +94,6 @@ def test_unit(
     """Run a campaign and write one folder per finding, the worst first, then those that occur easily.
 
     Args:
-        workspace: The system, its output folder and its slots.
-        unit: The unit to test.
-        trials: Maximum number of injected trials; None for no limit.
-        seconds: Maximum time in seconds; None for no limit.
-        covered: Whether to end when there is nothing left to try.
         whole_system: Whether trials are runs of the whole system with injections into the external messages, instead of
             a log that is played to the unit; they show less about the other components than about the unit.
         stop: Function of the findings so far that returns why to run no further injected trials; empty to continue.
@@ -121,61 +103,24 @@ def test_unit(
             own dictionaries has an entry that can never apply.
     """
     workspace.tell(CampaignStarted(unit, workspace.fingerprint))
-    registry = workspace.context.registry
     subject = _subject(workspace, unit, whole_system=whole_system)
-    log, leave, include = subject.log, subject.leave, subject.include
-    dictionary = dictionary_of(workspace, unit)
-    everything = targets_of(log, registry, include=["*"])
-    for problem in never_applied(dictionary, log, registry, everything):
-        if not whole_system:
-            raise problem
-        _LOG.warning("riot: %s", problem)
-    for pattern in naming_nothing((*leave, *include), everything):
-        _LOG.warning("riot: %s: %r of leave or include names no field of the log", subject.name, pattern)
-    targets = targets_of(log, registry, leave=leave, include=include)
-    schedule = Schedule(
-        with_observed(targets, log, registry),
-        dictionary,
-        seed=workspace.seed,
-        groups=groups_of(log, registry, dictionary, leave=leave, include=include),
-    )
-
-    types = {(each.topic, each.path): each.type for found in everything.values() for each in found}
+    schedule, types = _planned(workspace, subject)
     with workspace.step("test") as step:
         runner, baseline, untold = _judge_of(step, subject)
         written: list[Path] = []
         result = run_campaign(
-            () if whole_system else log,
+            () if whole_system else subject.log,
             schedule,
             runner,
-            seed=workspace.seed,
-            trials=trials,
-            covering=Covering(
-                [
-                    *schedule.items(),
-                    *message_faults(log, registry, leave=leave),
-                    *malformations(log, registry, leave=leave, include=include),
-                ],
-                positions_of(log, registry),
-                seed=workspace.seed,
-                situations=situations_of(log, registry),
+            CampaignSettings(
+                seed=workspace.seed, trials=trials, ordered=baseline.ordered, seconds=seconds, covered=covered
             ),
-            ordered=baseline.ordered,
-            seconds=seconds,
-            covered=covered,
+            covering=_covering(workspace, subject, schedule),
             progress=step.progress,
             found=lambda failure: written.append(_save(step, subject, failure, baseline)),
             stop=lambda: bool(stop(written)),
         )
-        if isinstance(runner, _Inside):
-            failed = (f"{signature} ({counted(number, 'run')})" for signature, number in runner.failed.items())
-            untold += tuple(f"whether the system made what drives it fail: {each}" for each in failed)
-        if result.unordered:
-            of = f"{result.unordered} of {counted(result.trials, 'trial')}"
-            untold += (f"what depends on the order across topics: it could not be kept in {of}",)
-        if result.calm:
-            of = f"for {result.calm} of {counted(result.trials, 'trial')}, since hangs took more than half of the time"
-            untold += (f"whether more values hang: those of fields that hung already were kept back {of}",)
+        untold += _unknown(runner, result)
         saved = [_save(step, subject, failure, baseline) for failure in result.failures.values()]
         leaks, normal = _leaks(step, subject, result, types)
         untold += normal
@@ -183,30 +128,8 @@ def test_unit(
         folders = sorted(saved, key=lambda folder: FindingRecord.load(folder).rank)
         bare = (FindingRecord.load(folder) for folder in folders if not (folder / EVIDENCE).is_dir())
         untold += tuple(f"what {one.signature} leaves: no trial that was to leave evidence failed so" for one in bare)
-        record = CampaignRecord(
-            unit=unit,
-            fingerprint=workspace.fingerprint,
-            failing=result.failing,
-            tested=result.trials - len(result.unjudged),
-            findings=tuple(folder.name for folder in folders),
-            unconfirmed=tuple(map(_unconfirmed, result.unconfirmed.values())),
-            unjudged=_unjudged(result.unjudged),
-            notes=dict(result.notes),
-            ordered=baseline.ordered,
-            started=["", *result.starts][-1],
-            covered=len(result.tried),
-            coverable=result.coverable,
-            effects=_effects(result, types),
-            untold=untold,
-            whole_system=whole_system,
-            rate=_rate(proportion(result.failing, result.trials - len(result.unjudged))),
-            mined=baseline.mined.row(),
-            stopped=stop(written) if result.stopped else "",
-            system_file=str(workspace.context.file.path),
-            seed=workspace.seed,
-            trials=step.trials,
-            seconds=step.seconds,
-        )
+        figures = {"untold": untold, "stopped": stop(written) if result.stopped else ""}
+        record = _campaign_record(step, subject, result, baseline, folders, types).model_copy(update=figures)
         record.save(workspace.out)
         found = map(_told, [*result.failures.values(), *leaks])
         doubts = [*map(str, record.unjudged), *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
@@ -222,6 +145,89 @@ def test_unit(
             CampaignFinished(unit, result.trials, result.failing, result.exhausted, names, seconds=step.seconds)
         )
     return folders
+
+
+def _planned(workspace: Workspace, subject: _Subject) -> tuple[Schedule, Types]:
+    """Return what is tried, and the types of all fields by topic and path."""
+    registry = workspace.context.registry
+    log, leave, include = subject.log, subject.leave, subject.include
+    dictionary = dictionary_of(workspace, subject.unit)
+    everything = targets_of(log, registry, include=["*"])
+    for problem in never_applied(dictionary, log, registry, everything):
+        if not subject.whole_system:
+            raise problem
+        _LOG.warning("riot: %s", problem)
+    for pattern in naming_nothing((*leave, *include), everything):
+        _LOG.warning("riot: %s: %r of leave or include names no field of the log", subject.name, pattern)
+    schedule = Schedule(
+        with_observed(targets_of(log, registry, leave=leave, include=include), log, registry),
+        dictionary,
+        seed=workspace.seed,
+        groups=groups_of(log, registry, dictionary, leave=leave, include=include),
+    )
+    return schedule, {(each.topic, each.path): each.type for found in everything.values() for each in found}
+
+
+def _covering(workspace: Workspace, subject: _Subject, schedule: Schedule) -> Covering:
+    log, registry = subject.log, workspace.context.registry
+    return Covering(
+        [
+            *schedule.items(),
+            *message_faults(log, registry, leave=subject.leave),
+            *malformations(log, registry, leave=subject.leave, include=subject.include),
+        ],
+        positions_of(log, registry),
+        seed=workspace.seed,
+        situations=situations_of(log, registry),
+    )
+
+
+def _unknown(runner: Runner, result: CampaignResult) -> tuple[str, ...]:
+    """Return what the trials of a campaign leave unknown."""
+    untold: list[str] = []
+    if isinstance(runner, _Inside):
+        failed = (f"{signature} ({counted(number, 'run')})" for signature, number in runner.failed.items())
+        untold += (f"whether the system made what drives it fail: {each}" for each in failed)
+    if result.unordered:
+        of = f"{result.unordered} of {counted(result.trials, 'trial')}"
+        untold.append(f"what depends on the order across topics: it could not be kept in {of}")
+    if result.calm:
+        of = f"for {result.calm} of {counted(result.trials, 'trial')}, since hangs took more than half of the time"
+        untold.append(f"whether more values hang: those of fields that hung already were kept back {of}")
+    return tuple(untold)
+
+
+def _campaign_record(
+    step: StepRun,
+    subject: _Subject,
+    result: CampaignResult,
+    baseline: Baseline,
+    folders: Sequence[Path],
+    types: Types,
+) -> CampaignRecord:
+    workspace, tested = step.workspace, result.trials - len(result.unjudged)
+    return CampaignRecord(
+        unit=subject.unit,
+        fingerprint=workspace.fingerprint,
+        failing=result.failing,
+        tested=tested,
+        findings=tuple(folder.name for folder in folders),
+        unconfirmed=tuple(map(_unconfirmed, result.unconfirmed.values())),
+        unjudged=_unjudged(result.unjudged),
+        notes=dict(result.notes),
+        ordered=baseline.ordered,
+        started=["", *result.starts][-1],
+        covered=len(result.tried),
+        coverable=result.coverable,
+        effects=_effects(result, types),
+        whole_system=subject.whole_system,
+        rate=_rate(proportion(result.failing, tested)),
+        mined=baseline.mined.row(),
+        system_file=str(workspace.context.file.path),
+        seed=workspace.seed,
+        trials=step.trials,
+        seconds=step.seconds,
+    )
 
 
 def tested(workspace: Workspace, unit: str) -> list[Path] | None:
@@ -241,7 +247,7 @@ def _leaks(
     if subject.whole_system or result.stopped or any(name.startswith("growth") for name in known):
         return [], ()
     runner, registry = step.unit_runner(subject.unit, unjudged=True), step.workspace.context.registry
-    for grown, case in result.grown[:_MOST_LEAKS]:
+    for grown, case in result.grown[:5]:  # each may take as long as 64 trials
         leak = find_leak(grown, case, runner, registry=registry, types=types, progress=step.progress)
         if leak.failure is not None:
             return [leak.failure], ()
@@ -304,11 +310,6 @@ class _Inside:
     """A runner whose outcomes leave out failures of external components, which drive the system and are not tested.
 
     Failures that nominal runs of the whole system, judged in the same way, have shown are left out, too.
-
-    Args:
-        runner: The runner of the whole system.
-        external: Names of external components.
-        alarms: Signatures that nominal runs have shown.
 
     Attributes:
         failed: Signatures of external components that were left out, with the number of runs.
@@ -395,10 +396,6 @@ def keep_evidence(
     """Repeat a case until it leaves evidence, or by its failure rate would have at 95 %, at most 30 times.
 
     Args:
-        workspace: The system, its output folder and its slots.
-        finding: The finding.
-        case: Test case of the finding.
-        folder: Folder of the finding.
         in_system: Baseline of its unit in nominal runs of the whole system, if trials are such runs.
     """
     share = finding.rate.value if finding.rate else 1.0

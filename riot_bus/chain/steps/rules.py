@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import pstdev
-from typing import TYPE_CHECKING
 
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.steps.relevance import considered_fields, field_spaces
 from riot_bus.chain.unit.arrays import with_arrays
 from riot_bus.chain.unit.contexts import (
@@ -27,39 +29,18 @@ from riot_bus.generalize.rules import LearnedRule, learn_rule
 from riot_bus.generalize.sampling import TYPES, Variable, columns_of, row_of, scalars_of
 from riot_bus.generalize.validation import Estimate
 from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.elements import Setting
 from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.order import order_of
 
-if TYPE_CHECKING:
-    from collections.abc import Container, Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.vocabulary.elements import Setting
-    from riot_bus.vocabulary.message import Message
-
-_NOMINAL = 200
-_NEAR = 6
-"""Number of failing trials, and of passing ones, that are repeated behind each part of the nominal log."""
-_SELDOM, _FEWER = 0.6, 0.5
-"""Failure rate below which each answer takes many trials, and the share of all checks that is made then."""
-_CONTEXTS = 2
-"""How often messages are put in front at most: once for a size, once for a mode beside it."""
-_OTHERS = 64
-"""Number of other fields that take other nominal values in some of the fresh trials."""
+_NOMINAL = 200  # of the values of a field: a guess at how many show its nominal spread
 
 
 def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 60) -> RuleRecord:
     """Learn the rule.
 
     Each answer is decided by as many fresh trials as it takes; those that the rule gets wrong, or depends on, by more.
-
-    Args:
-        step: The running step.
-        folder: Folder of the finding.
-        budget: Number of trials for learning.
-        validation: Number of fresh cases for one validation; half as many if the failure is rare.
 
     Raises:
         ConfigError: The step before has not been done.
@@ -83,7 +64,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
     questions = UnitQuestions(step, folder)
     questions.measure(one.certificate for one in relevant.fields)
     found = teacher.learn(questions, passing)
-    for _ in range(_CONTEXTS):
+    for _ in range(2):  # once for a size, once for a mode beside it
         more = teacher.learn_after_context(found) if found.wrong else None
         if more is None or more.wrong >= found.wrong:
             break
@@ -106,17 +87,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """A rule with what it was learnt from.
-
-    Attributes:
-        questions: Questions to the unit about the log in which the rule's fields are named.
-        passing: A value of each field without failure.
-        variables: The fields, or the arrays that contain them.
-        scale: Nominal spread of each variable.
-        learned: The learned rule.
-        answers: Answers to some of its trials, repeated behind nominal messages.
-        context: Number of messages in front of the minimal log that matter.
-    """
+    """A rule with what it was learnt from."""
 
     questions: UnitQuestions
     passing: Mapping[str, Value]
@@ -132,14 +103,13 @@ class _Found:
         return sum(len(one.wrong) for one in self.answers)
 
 
+@dataclass(frozen=True, slots=True)
 class _Teacher:
     """Learns a rule on the minimal log, and again with nominal messages in front of it that matter."""
 
-    def __init__(self, step: StepRun, budget: int, validation: int) -> None:
-        self.step = step
-        self.budget = budget
-        self.validation = validation
-        self._registry = step.workspace.context.registry
+    step: StepRun
+    budget: int
+    validation: int
 
     def learn(self, questions: UnitQuestions, passing: Mapping[str, Value], *, context: int = 0) -> _Found:
         """Learn the rule over some fields."""
@@ -161,13 +131,13 @@ class _Teacher:
 
         unit = self.step.workspace.context.file.unit[questions.finding.unit]
         rest = (field for field in considered_fields(questions.fields, unit) if field.name not in observed)
-        others = [field for field in rest if field.leaf.type in TYPES][:_OTHERS]
+        others = [field for field in rest if field.leaf.type in TYPES][:64]
         varied = [
             Variable(field.name, field.leaf.type, field.leaf.value, nominal=tuple(values))
             for field, values in zip(others, questions.nominal(others, at_most=_NOMINAL).values(), strict=True)
         ]
         scale = _scale(variables, observed)
-        share = _FEWER if questions.noise.rate < _SELDOM else 1.0
+        share = 0.5 if questions.noise.rate < 0.6 else 1.0  # fewer checks where each answer takes many trials
         learned = learn_rule(
             variables,
             questions.ask,
@@ -181,8 +151,11 @@ class _Teacher:
         )
         learned, variables = with_first(questions, learned, variables)
         scale = _scale(variables, observed)
-        asked, predicted = near_the_limit(learned, variables, scale, count=round(_NEAR * share))
-        behind, holds = contexts(questions.nominal_log(), self._registry), judge_of_logs(questions, learned.rule)
+        asked, predicted = near_the_limit(learned, variables, scale, count=round(6 * share))
+        behind, holds = (
+            contexts(questions.nominal_log(), questions.fields.registry),
+            judge_of_logs(questions, learned.rule),
+        )
         by_log = any(order_of(name) for name in learned.rule.variables)
         answers = ask_in_contexts(questions, behind, asked, predicted, holds, by_log=by_log)
         return _Found(questions, passing, variables, scale, learned, answers, context)
@@ -191,9 +164,6 @@ class _Teacher:
         """Learn the rule again on the minimal log with those nominal messages before it after which it is wrong.
 
         They are a few messages of that part of the nominal log after which the rule predicts the most trials wrongly.
-
-        Args:
-            found: The present rule, with at least one wrong prediction.
 
         Returns:
             The new rule, with what it was learnt from; None if no such messages are found, an order of messages in the

@@ -9,26 +9,16 @@ running trials have ended, or earlier if further trials would show nothing new, 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-from riot_bus.chain.steps.analyze import analyze, with_other_causes
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.chain.steps.analyze import Analysis, Options, analyze, with_other_causes
 from riot_bus.chain.steps.robustness import test_unit
 from riot_bus.events import TimeLeft
 from riot_bus.findings.records import CampaignRecord
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import Workspace
-    from riot_bus.chain.steps.analyze import Analysis, Options
-    from riot_bus.findings.steps import ChainStep
-
-_TESTED = 0.3
-"""Share of the time left: explaining a finding takes about twice the trials that find it."""
-_LEAST = 0.05
-"""Share of the whole time: with less left, another campaign would only repeat what is stored."""
+from riot_bus.findings.steps import ChainStep
 
 
 def analyze_within(
@@ -43,14 +33,6 @@ def analyze_within(
     """Test a unit and explain what is found, until the time is over.
 
     Unfinished steps continue if time is left in the end, and with the next command: no trial is lost.
-
-    Args:
-        workspace: The system, its output folder and its slots.
-        unit: The unit to test.
-        seconds: The time in seconds.
-        further: Steps of other packages, which run after ours.
-        options: Options of steps, by the name of the step.
-        now: Clock that returns the time in seconds.
 
     Raises:
         RiotError: As `test_unit` and `analyze`.
@@ -76,8 +58,8 @@ def analyze_within(
     def unexplained(folders: Sequence[Path]) -> list[Path]:
         return [folder for folder in folders if folder not in done or done[folder].unfinished]
 
-    while (left := tell()) > _LEAST * seconds:
-        until = now() + left * _TESTED
+    while (left := tell()) > 0.05 * seconds:  # with less, a campaign would only repeat what is stored
+        until = now() + left * 0.3  # explaining a finding takes about twice the trials that find it
 
         def enough(found: Sequence[Path], until: float = until) -> str:
             if now() >= end:

@@ -2,44 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
+from riot_bus.chain.base.logs import FailingLog
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.questions import FreshCases, unit_case
 from riot_bus.findings.records import AbsentRecord, FindingRecord, ProportionRecord
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.oracle import BudgetSpentError, Trials
+from riot_bus.statistics.noise import Noise
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import TestCase
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.logs import FailingLog
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.statistics.noise import Noise
-
-_DOUBT = 0.005
-"""Accepted doubt of each answer: about twenty of them lead to the result, and a wrong one is not corrected."""
-_BUDGET = 1000
-_FIRST, _LATE = 10.0, 0.01
-"""Weights of the first message of a topic, with which the unit starts, and of messages after the failure."""
 
 
 def absent_messages(
     step: StepRun, finding: FindingRecord, log: FailingLog, cases: FreshCases, noise: Noise, *, unprobed: bool = False
 ) -> AbsentRecord | None:
-    """Return the fewest messages of the nominal log without which a part of it fails; None if this is unknown.
-
-    Args:
-        step: The running step.
-        finding: The finding.
-        log: The part of the nominal log, with nothing modified.
-        cases: Runner of fresh trials.
-        noise: Known rates of failure.
-        unprobed: Whether no probe follows the messages.
-    """
+    """Return the fewest messages of the nominal log without which a part of it fails; None if this is unknown."""
     workspace, registry = step.workspace, step.workspace.context.registry
     nominal = workspace.known_unit_log(finding.unit)
     kept = [message.sequence for message in log.messages]
@@ -51,14 +32,13 @@ def absent_messages(
     others = [number for number in range(len(nominal)) if number not in set(kept)]
     topics = [registry.topic(message.key) for message in nominal]
     last = kept[-1] if kept else len(nominal)
-    weights = [
-        _LATE if number > last else _FIRST if topics.index(topics[number]) == number else 1.0 for number in others
-    ]
+    # with the first message of a topic the unit starts; those after the failure come last
+    weights = [0.01 if number > last else 10.0 if topics.index(topics[number]) == number else 1.0 for number in others]
     trials: Trials[TestCase] = Trials(
         lambda asked: cases.failures(asked, finding.signature),
         key=TestCase.digest,
         noise=noise,
-        budget=_BUDGET,
+        budget=1000,
         parallelism=cases.parallelism,
     )
 
@@ -69,7 +49,8 @@ def absent_messages(
 
     def heals(questions: Sequence[tuple[int, ...]]) -> list[bool]:
         asked = [with_(places) for places in questions]
-        return [not fails for fails in trials.decide(asked, doubt=_DOUBT, doing="looking for what is missing")]
+        # about twenty answers lead to the result, and a wrong one is not corrected
+        return [not fails for fails in trials.decide(asked, doubt=0.005, doing="looking for what is missing")]
 
     try:
         groups, parallelism = [topics[number] for number in others], cases.parallelism
@@ -94,15 +75,7 @@ def other_cause(folder: Path) -> Path:
 def write_other_cause(
     step: StepRun, folder: Path, finding: FindingRecord, log: FailingLog, failed: tuple[int, int]
 ) -> Path:
-    """Write the finding of a log that fails in the same place with nothing modified; return its folder.
-
-    Args:
-        step: The running step.
-        folder: Folder of the finding with the modified messages.
-        finding: Record of that finding.
-        log: Log that fails in the same place.
-        failed: Numbers of failed and of all trials of that log.
-    """
+    """Write the finding of a log that fails in the same place with nothing modified; return its folder."""
     workspace = step.workspace
     other = other_cause(folder)
     other.mkdir(exist_ok=True)

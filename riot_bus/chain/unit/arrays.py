@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from riot_bus.chain.base.logs import NamedField
+from riot_bus.chain.unit.questions import UnitQuestions
 from riot_bus.generalize.sampling import Variable
 from riot_bus.types.elements import read_elements
+from riot_bus.types.model import MessageType
 from riot_bus.vocabulary.elements import Elements
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.chain.base.logs import NamedField
-    from riot_bus.chain.unit.questions import UnitQuestions
-    from riot_bus.types.model import MessageType
 
 _NOMINAL = 20
 """Number of nominal arrays that are kept, evenly spaced: each has values of many elements."""
@@ -28,11 +24,6 @@ def with_arrays(questions: UnitQuestions, named: Sequence[NamedField], variables
 
     An element stays a variable if its array has no other elements, too many, or not only numbers, or if the array's
     length is a variable, too: then the elements beyond the length decide, not what all elements have in common.
-
-    Args:
-        questions: Questions about the log in which the fields are named.
-        named: The fields of the variables, in the same order.
-        variables: Variables of single fields.
     """
     names = {variable.name for variable in variables}
     arrays: dict[str, Variable] = {}

@@ -8,25 +8,20 @@ with them in front, the rule can be learnt again.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from riot_bus.chain.base.logs import FailingLog, NamedFields
+from riot_bus.chain.unit.questions import UnitQuestions
 from riot_bus.generalize.minimize import minimize
-from riot_bus.generalize.sampling import columns_of
+from riot_bus.generalize.rules import LearnedRule
+from riot_bus.generalize.sampling import Variable, columns_of
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.elements import Setting
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Progress, TestCase
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from riot_bus.chain.unit.questions import UnitQuestions
-    from riot_bus.generalize.rules import LearnedRule
-    from riot_bus.generalize.sampling import Variable
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.elements import Setting
-    from riot_bus.vocabulary.message import Message
 
 _DOUBT, _SURE = 0.02, 0.002
 """Accepted doubts: few trials decide whether a rule holds for the unit, so those against it must be more certain."""
@@ -36,14 +31,7 @@ _LONGEST = 1000
 
 @dataclass(frozen=True, slots=True)
 class ContextAnswers:
-    """Trials after nominal messages: the prediction of the rule for each, and whether the unit failed.
-
-    Attributes:
-        context: The messages that came before.
-        asked: Values of the rule's fields.
-        predicted: Whether the rule predicts a failure.
-        failed: Whether the unit failed.
-    """
+    """Trials after nominal messages: the prediction of the rule for each, and whether the unit failed."""
 
     context: tuple[Message, ...]
     asked: tuple[Mapping[str, Setting], ...]
@@ -57,12 +45,7 @@ class ContextAnswers:
 
 
 def contexts(nominal: Sequence[Message], registry: TypeRegistry) -> list[tuple[Message, ...]]:
-    """Return the parts of the nominal log that trials follow: a short one and one up to its middle.
-
-    Args:
-        nominal: Inputs of the unit in the nominal log.
-        registry: Registry that names topics.
-    """
+    """Return the parts of the nominal log that trials follow: a short one and one up to its middle."""
     topics = [registry.topic(message.key) for message in nominal]
     first = {topic: place for place, topic in reversed(list(enumerate(topics)))}
     short = max(first.values(), default=-1) + 1
@@ -80,14 +63,7 @@ def _joined(context: Sequence[Message], messages: Sequence[Message]) -> tuple[Me
 def near_the_limit(
     learned: LearnedRule, variables: Sequence[Variable], scale: Mapping[str, float], *, count: int
 ) -> tuple[list[Mapping[str, Setting]], list[bool]]:
-    """Return trials that the rule predicts correctly, those nearest to and furthest from its limit, and predictions.
-
-    Args:
-        learned: The rule and its trials.
-        variables: Fields of the rule.
-        scale: Nominal spread of the fields.
-        count: Number of failing and of passing trials to return, if there are as many.
-    """
+    """Return trials that the rule predicts correctly, those nearest to and furthest from its limit, and predictions."""
     samples = [one for one in learned.samples if one.phase != "context"]
     columns = columns_of(variables, [one.assignment for one in samples])
     predicted, distance = learned.rule.predict(columns), np.abs(learned.rule.distance(columns, scale))
@@ -110,10 +86,6 @@ def ask_in_contexts(
     """Run trials after each context.
 
     Args:
-        questions: Questions to the unit.
-        found: The contexts.
-        asked: Values of the rule's fields.
-        predicted: Prediction of the rule for these values.
         holds: Function that tells whether the rule holds anywhere in a log, such as already in the context.
         by_log: Whether this alone is the prediction, since the values do not decide it.
     """
@@ -133,13 +105,7 @@ def ask_in_contexts(
 def bring_in(
     questions: UnitQuestions, answers: ContextAnswers, *, progress: Progress | None = None
 ) -> tuple[Message, ...]:
-    """Return the few messages of a context that make the rule wrong; none if no part of it alone does so.
-
-    Args:
-        questions: Questions to the unit.
-        answers: Answers of which the rule predicts at least one wrongly.
-        progress: Function that is called during the search.
-    """
+    """Return the few messages of a context that make the rule wrong; none if no part of it alone does so."""
     number = answers.wrong[0]
     values, failed = answers.asked[number], answers.failed[number]
     context = answers.context

@@ -1,26 +1,20 @@
-"""Forms of a rule for use in a maintainer's code: files in the finding's folder, and what extensions add."""
+"""Forms of a rule for use in a maintainer's code: a Python predicate, and what extensions add."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-from riot_bus.generalize.forms.python_form import python_file, python_predicate
+from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord
+from riot_bus.generalize.forms.python_form import python_predicate
+from riot_bus.generalize.forms.tree import Terms
 from riot_bus.generalize.rule import Rule
 from riot_bus.plugins import RULE_FORMS
-from riot_bus.report.formats import write_file
 from riot_bus.report.regression import file_stem
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord
-    from riot_bus.generalize.forms.tree import Terms
-
-PYTHON = "sanitize.py"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +39,7 @@ class WrittenRule:
 
 
 def with_forms(record: RuleRecord, finding: FindingRecord, folder: Path) -> RuleRecord:
-    """Write the rule in all forms into the finding's folder, and return its record with what they add to it.
-
-    Args:
-        record: Record of the rule.
-        finding: Record of its finding.
-        folder: The finding's folder.
-    """
+    """Write the rule in all forms into the finding's folder, and return its record with what they add to it."""
     terms, types = Rule.from_json(record.rule).terms, dict(record.types)
     lines = [
         f"{finding.component} fails: {finding.signature}",
@@ -59,9 +47,7 @@ def with_forms(record: RuleRecord, finding: FindingRecord, folder: Path) -> Rule
         f"Precision {_rate(record.precision)}, recall {_rate(record.recall)}.",
     ]
     rule = WrittenRule(terms, types, record.scale, lines, file_stem(finding), folder)
-    (folder / PYTHON).unlink(missing_ok=True)  # of an earlier rule
     with suppress(ConfigError):
-        write_file(python_file(terms, types=types, scale=record.scale, told=lines), folder / PYTHON)
         record = record.model_copy(update={"python": python_predicate(terms, types=types, told=record.text)})
     for form in RULE_FORMS.targets():
         update: Mapping[str, Any] = RULE_FORMS.load(form)(rule)

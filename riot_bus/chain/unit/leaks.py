@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import GAP_NS, join_logs, more_nominal, repeat
 from riot_bus.campaign.triage import Failure, Types
@@ -13,14 +13,10 @@ from riot_bus.chain.unit.questions import FreshCases
 from riot_bus.generalize.minimize import minimize
 from riot_bus.inject.apply import inject_log
 from riot_bus.statistics.rates import proportion
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Progress, Runner, TestCase, Violation
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.injection import Injection
 
 _MOST_TIMES, _MOST_MESSAGES = 64, 2000
 """Most repeats of a log, and most messages in all: if each repeat grows by 1/32 of what is allowed, all exceed it."""
@@ -28,8 +24,6 @@ _AIM = 4.0
 """Wanted growth as a share of what is allowed: it is clear, and much less than the usual limits."""
 _ROUNDING = 1e-6
 """Seconds by which windows of time begin and end early, as sums of seconds are not exact."""
-_BUDGET = 100
-"""Most trials that search for the injections that are needed: each is as long as all repeats of the log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +40,7 @@ class Leak:
 
 
 def repeat_log(case: TestCase, times: int, *, registry: TypeRegistry) -> TestCase:
-    """Return a case with its log several times, each time with the same injections.
-
-    Args:
-        case: The test case; it has a log.
-        times: Number of repeats of the log.
-        registry: Registry that names topics.
-    """
+    """Return a case with its log several times, each time with the same injections."""
     log = case.messages
     seconds = (log[-1].time - log[0].time + GAP_NS) / 1e9
     counts = Counter(registry.topic(message.key) for message in log)
@@ -88,11 +76,6 @@ def find_leak(
 
     Args:
         grown: Growth in the case beyond that of nominal trials, as a share of what is allowed.
-        case: The case, which has passed.
-        runner: Runner of trials, each in a process of its own.
-        registry: Registry that names topics.
-        types: Types of fields, by topic and path.
-        progress: Function that is called during the search.
     """
     times = min(_MOST_TIMES, _MOST_MESSAGES // len(case.messages), math.ceil(_AIM / grown))
     if times < 2:
@@ -133,7 +116,7 @@ def _needed(
         return fresh.failures(cases, signature)
 
     try:
-        found = minimize(len(case.injections), ask, budget=_BUDGET, parallelism=runner.parallelism, progress=progress)
+        found = minimize(len(case.injections), ask, budget=100, parallelism=runner.parallelism, progress=progress)
     except InconclusiveError:
         return case.injections
     return tuple(case.injections[number] for number in found.kept)

@@ -3,32 +3,21 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
 
+from riot_bus.chain.base.logs import NamedField
+from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.rule import Rule
+from riot_bus.types.fields import FieldType
 from riot_bus.types.latest import in_words
 from riot_bus.types.listing import describe
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from riot_bus.chain.base.logs import NamedField
-    from riot_bus.generalize.literals import Literal
-    from riot_bus.generalize.rule import Rule
-    from riot_bus.types.fields import FieldType
-
 _INDEX = re.compile(r"\[\d+\]")
-_MOST = 12  # a guess: all of them come into the one sentence that tells the rule
 _BITS = "bits"
 
 
 def legend_of(rule: Rule, fields: Mapping[str, NamedField], topics: Sequence[str]) -> tuple[str, ...]:
-    """Return names of the rule's values and units of its fields, in the order of the rule; at most twelve.
-
-    Args:
-        rule: The rule.
-        fields: Fields of the log in which the rule's variables are named.
-        topics: Topic of each message of that log.
-    """
+    """Return names of the rule's values and units of its fields, in the order of the rule; at most twelve."""
     known = {name: found for name in rule.variables if name in fields and (found := _described(fields[name]))}
     lines = (
         line
@@ -38,7 +27,7 @@ def legend_of(rule: Rule, fields: Mapping[str, NamedField], topics: Sequence[str
         if name in known
         for line in _lines(in_words(name, topics), known[name], literal)
     )
-    return tuple(dict.fromkeys(lines))[:_MOST]
+    return tuple(dict.fromkeys(lines))[:12]
 
 
 def _lines(shown: str, field: FieldType, literal: Literal) -> Iterator[str]:

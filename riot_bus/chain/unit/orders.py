@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from riot_bus.chain.base.logs import NamedFields
 from riot_bus.chain.unit.contexts import behind
 from riot_bus.chain.unit.prediction import predict
+from riot_bus.chain.unit.questions import UnitQuestions
 from riot_bus.generalize.relevance import FieldSpace
+from riot_bus.generalize.rule import Rule
+from riot_bus.generalize.rules import LearnedRule
 from riot_bus.generalize.sampling import Variable
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.order import order_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from riot_bus.chain.base.logs import NamedFields
-    from riot_bus.chain.unit.questions import UnitQuestions
-    from riot_bus.generalize.rule import Rule
-    from riot_bus.generalize.rules import LearnedRule
-    from riot_bus.vocabulary.message import Message
-
-_DOUBT = 0.02  # a wrong answer puts a wrong `first` into the rule: stricter than the usual 0.05
 
 
 def order_spaces(fields: NamedFields) -> list[FieldSpace]:
@@ -39,11 +34,6 @@ def with_first(
     """Return the rule with `a before the first b` wherever a trial shows that an earlier b prevents the failure.
 
     The trial repeats the second message of the order in front of the minimal log.
-
-    Args:
-        questions: The trials of the unit.
-        learned: The learned rule.
-        variables: The variables of the rule.
     """
     words: dict[str, str] = {}
     failing = {variable.name: variable.failing for variable in variables}
@@ -51,7 +41,8 @@ def with_first(
         order = order_of(name)
         if order is not None:
             second = questions.fields.log.messages[questions.fields.orders[name] + 1]
-            (fails,) = questions.decide([behind(questions, (second,), failing)], doubt=_DOUBT)
+            # stricter than usual: a wrong answer puts a wrong `first` into the rule
+            (fails,) = questions.decide([behind(questions, (second,), failing)], doubt=0.02)
             if not fails:
                 words[name] = str(order._replace(once=True))
 

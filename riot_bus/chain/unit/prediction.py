@@ -2,38 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from riot_bus.chain.base.testcases import injection_of
+from riot_bus.chain.base.injections import injection_of
+from riot_bus.chain.base.systems import described
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.questions import json_value
-from riot_bus.findings.records import RuleRecord
+from riot_bus.findings.records import MinimalRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.inject.apply import inject_log
+from riot_bus.log.foreign import bus_messages, learn_types
+from riot_bus.log.reader import LogReader
 from riot_bus.types.latest import LatestFields, in_words
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.counting import counted
-from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Verdict
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+_TOLD = 20  # lines of moments: about a screen
 
-    from numpy.typing import NDArray
-
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
-
-_TOLD = 20
-_RELIABLE = 0.95
-_MOST_MESSAGES = 300_000
-"""Most messages of trials that a rule is checked against, in all: about half a minute."""
-
-_ROWS = 4096
-"""Rows that are judged at once: enough that numpy's overhead does not count, and little memory."""
 
 _SAID = {True: "would fail", False: "would not fail", None: "not known whether it would fail"}
 
@@ -43,10 +38,7 @@ class Moment:
     """A message of a log by which a rule can be judged.
 
     Attributes:
-        place: Its place in the log.
         time: Time at which it was sent (ns).
-        values: Values of the rule's fields that are known then.
-        last: Whether it is of the last of the rule's topics.
     """
 
     place: int
@@ -63,12 +55,7 @@ class Prediction:
         judged: Number of messages at which the known fields of the rule decided whether it holds. Those of other topics
             than the last of the rule's count only if the rule holds or all fields are known.
         unknown: Number of messages of the last of the rule's topics at which they did not.
-        fails: Number of judged messages at which the rule holds.
-        moments: The first of these messages.
         begin: Time at which the first message of the log was sent (ns).
-        rule: The rule as text.
-        topics: Topic of each message of the log in which the rule's fields are named.
-        missed: Number of the campaign's trials that failed though the rule holds nowhere in them.
     """
 
     rule: str = ""
@@ -111,7 +98,6 @@ class Explained(NamedTuple):
     """Comparison of a rule with earlier trials.
 
     Attributes:
-        trials: Number of trials compared.
         wrong: Trials that the rule predicts wrongly: what was injected, and whether they failed.
         holds: Numbers, if the failure occurs only sometimes: the failed and all trials in which the rule holds.
         unknown: Number of other trials: the rule holds nowhere in them, but could not be judged at some messages.
@@ -150,13 +136,6 @@ def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, r
     A message that lacks a field leaves the earlier value in force if the trials show this: of those in which the rule
     holds only with earlier values, more failed than passed.
 
-    Args:
-        record: The rule.
-        step: The running step.
-        unit: The unit.
-        signature: Signature of the failure.
-        rate: Rate at which the failure occurs when triggered.
-
     """
     rule, registry = Rule.from_json(record.rule), step.workspace.context.registry
     log = step.workspace.unit_log(unit)
@@ -166,7 +145,7 @@ def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, r
         for rows, seed, outcome in step.tried(unit)
         if outcome.verdict is Verdict.PASS or outcome.failed_as(signature)
     ]
-    told = told[:: max(1, -(-len(told) * len(log) // _MOST_MESSAGES))]
+    told = told[:: max(1, -(-len(told) * len(log) // 300_000))]  # messages: about half a minute
     tried: list[_Tried] = []
     for rows, seed, failed in told:
         injections = [injection_of(row, "trials") for row in rows]
@@ -179,7 +158,7 @@ def explained(record: RuleRecord, step: StepRun, unit: str, signature: str, *, r
     keeps = _shows_keeping(tried)
     judged = [one._replace(said=one.kept) if keeps else one for one in tried]
     unknown = sum(one.said is None for one in judged)
-    sometimes = rate < _RELIABLE
+    sometimes = rate < 0.95
     held = [one.failed for one in judged if one.said and sometimes]
     counts = [one for one in judged if one.said is not None and not (one.said and not one.failed and sometimes)]
     wrong = [(one.rows, one.failed) for one in counts if one.said != one.failed]
@@ -207,14 +186,6 @@ def predict(
     Where some fields are unknown, the rule holds if a term does whose fields are all known, and does not if each term
     has a known comparison that does not. An order is known only at messages of its second topic.
 
-    Args:
-        rule: The rule.
-        topics: Topic of each message of the short log in which the rule's fields are named.
-        messages: The log, in order; it may be larger than memory.
-        registry: The registry of topics and types.
-        at_most: Maximum number of moments to keep.
-        keeps: Whether a message that lacks a field leaves its earlier value in force.
-
     Raises:
         ConfigError: A variable of the rule is not a field.
     """
@@ -234,6 +205,29 @@ def predict(
     return found
 
 
+def predict_log(path: Path, folder: Path) -> Prediction:
+    """Return the prediction of a finding's rule for a log.
+
+    Raises:
+        ConfigError: There is no such log, or the finding has no rule.
+        InconclusiveError: The rule can be judged at no message of the log.
+    """
+    record, minimal = RuleRecord.load(folder), MinimalRecord.find(folder)
+    rule, topics = Rule.from_json(record.rule), record.topics or (minimal.topics if minimal else ())
+    _, registry = described(folder)
+    with LogReader(path) as reader:
+        learn_types(reader, registry)
+        found = predict(rule, topics, bus_messages(reader, registry), registry=registry, keeps=record.keeps)
+    if not found.judged:
+        raise InconclusiveError(
+            f"the known fields never decide whether the rule {record.text} holds",
+            where=str(path),
+            hint=f"{counted(found.unknown, 'message')} of its topics came; `riot info` says what the log holds",
+        )
+    found.missed = record.missed
+    return found
+
+
 def rule_text(rule: Rule, topics: Sequence[str]) -> str:
     """Return a rule as text; `topics` are those of the messages of the log in which its fields are named."""
     return rule.renamed(lambda name: in_words(name, topics)).text()
@@ -242,14 +236,7 @@ def rule_text(rule: Rule, topics: Sequence[str]) -> str:
 def moments_of(
     latest: LatestFields, messages: Iterable[Message], topics: Sequence[str], *, registry: TypeRegistry
 ) -> Iterator[list[Moment]]:
-    """Yield the messages of a log by which a rule can be judged, some thousand at once.
-
-    Args:
-        latest: The rule's fields, before the log.
-        messages: The log, in order; it may be larger than memory.
-        topics: Topic of each message of the short log in which the rule's fields are named.
-        registry: The registry of topics and types.
-    """
+    """Yield the messages of a log by which a rule can be judged, some thousand at once."""
     rows: list[Moment] = []
     for place, message in enumerate(messages):
         values = latest.take(message)
@@ -257,7 +244,7 @@ def moments_of(
             continue
         last = not topics or registry.topic(message.key) == topics[-1]
         rows.append(Moment(place, message.time, values, last))
-        if len(rows) == _ROWS:
+        if len(rows) == 4096:  # enough that numpy's overhead does not count, and little memory
             yield rows
             rows = []
     yield rows
@@ -282,10 +269,6 @@ def alike(columns: Mapping[str, NDArray[Any]], count: int) -> Iterator[NDArray[n
     """Yield groups of row numbers within which each column holds only numbers, or none.
 
     A column that holds a text counts as texts in all of its rows.
-
-    Args:
-        columns: One array of equal length per variable.
-        count: Number of rows.
     """
     mixed = [column for column in columns.values() if column.dtype == np.object_]
     if not mixed:

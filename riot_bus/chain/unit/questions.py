@@ -4,39 +4,31 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from riot_bus.campaign.confirm import CONFIRMATIONS
 from riot_bus.chain.base.logs import FailingLog, NamedField, NamedFields, nominal_values
+from riot_bus.chain.base.workspace import StepRun, Workspace
 from riot_bus.findings.records import CertificateRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord, Value
 from riot_bus.generalize.oracle import BudgetSpentError, Trials, scalar_key
 from riot_bus.generalize.rule import Rule
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.statistics.noise import Noise
 from riot_bus.types.capabilities import suggested_values
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.elements import Setting
 from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Ask, Outcome, Runner, TestCase
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.workspace import StepRun, Workspace
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.elements import Setting
-    from riot_bus.vocabulary.message import Message
-
 _OBSERVED = 8
-_DOUBT = 0.05
 FEWEST, _MOST_PASSED, _MOST, _SPREAD = 12, 40, 120, 0.15
 """Fewest trials to measure a rate, most if none fails, most, and the uncertainty allowed, as a share of the rate.
 Inputs are taken for harmless after so few trials that mistaking a rate of 0.3 for 0.6 made a third of the answers
 wrong. If it may be 0.1, each takes twice as many as at a known 0.3, which costs far more than these."""
-_AFTER = 2000
-"""Number of first trials to skip, so that those by which earlier steps chose the minimal log do not count."""
 _MOST_TRIALS = 10_000
 """Far more than a rule needs at a failure rate of 0.2; each trial takes at least a tenth of a second."""
 
@@ -103,9 +95,6 @@ def measured_rate(
     """Return the failed and all trials of a case that fails, once they tell its rate well enough.
 
     Args:
-        ask: Function that carries out some fresh trials of it and returns which failed.
-        failed: Failed trials that are known.
-        total: All trials that are known.
         most: Maximum number of further trials; fewer are made if none fails.
     """
     known, enough = total, None
@@ -138,7 +127,6 @@ class FreshCases:
     """A runner that gives each case a fresh trial each time: the store knows the first, second, ... of each.
 
     Args:
-        runner: The runner that executes the trials.
         after: Number of first trials of each case to skip, since they have another purpose.
     """
 
@@ -171,16 +159,8 @@ class FreshCases:
 class UnitQuestions:
     """Asks a unit whether it fails when fields of its minimal log have other values.
 
-    Args:
-        step: The running step.
-        folder: Folder of the finding.
-
     Attributes:
-        finding: The finding whose failure is asked for.
         fields: The minimal log, by field.
-        dictionary: Exceptional values for the unit.
-        runner: The runner that executes the trials.
-        noise: Knowledge about the rates of the failure.
     """
 
     def __init__(self, step: StepRun, folder: Path) -> None:
@@ -209,7 +189,7 @@ class UnitQuestions:
         for one in certificates:
             failed, total = failed + one.confirmed_failing, total + one.repeats
         if failed < total:
-            fresh = self.fresh(after=_AFTER)
+            fresh = self.fresh(after=2000)  # not those by which earlier steps chose the minimal log
             same: list[dict[str, Setting]] = [{}] * self.runner.parallelism
             failed, total = measured_rate(lambda: fresh(same), failed=failed, total=total)
         self.noise = Noise.after(failed, total, nominal_total=nominal_passes(self.finding))
@@ -244,15 +224,13 @@ class UnitQuestions:
         return lambda asked: cases.failures([self.case(values) for values in asked], self.finding.signature)
 
     def decide(
-        self, cases: Sequence[TestCase], *, doubt: float = _DOUBT, priors: Sequence[float] | None = None
+        self, cases: Sequence[TestCase], *, doubt: float = 0.05, priors: Sequence[float] | None = None
     ) -> list[bool]:
         """Return for each case whether it triggers the failure, from as many fresh trials as that takes.
 
         One trial decides unless the failure was seen to occur only sometimes. What is known about a case counts.
 
         Args:
-            cases: The test cases.
-            doubt: Maximum probability that an answer is wrong.
             priors: Probability of each case to trigger the failure before any trial; None if nothing is known.
 
         Raises:

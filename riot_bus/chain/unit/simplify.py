@@ -11,9 +11,9 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import accumulate, pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from riot_bus.chain.base.logs import FailingLog, NamedFields
 from riot_bus.chain.unit.questions import json_value
@@ -21,15 +21,12 @@ from riot_bus.findings.records import SimplifiedRecord
 from riot_bus.generalize.forms.standalone import INTEGERS
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.generalize.simplify import Levels, simplify
+from riot_bus.statistics.noise import Noise
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import PayloadError, RiotError
+from riot_bus.vocabulary.message import Message, Scalar
+from riot_bus.vocabulary.trial import Ask, Progress
 
-if TYPE_CHECKING:
-    from riot_bus.statistics.noise import Noise
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message, Scalar
-    from riot_bus.vocabulary.trial import Ask, Progress
-
-_MS = 1_000_000
 _LARGEST = 10.0**38
 """Limit of a float32: a number of this size or more stands for infinity."""
 
@@ -47,51 +44,25 @@ class _Ladder:
 _Build = Callable[[Levels], FailingLog]
 
 
+@dataclass(slots=True)
 class Simplification:
     """Simplifies a failing log.
 
     Args:
-        log: A log that fails.
-        failing: Function that runs a fresh trial of each log and tells whether it fails.
-        registry: The registry of topics and types.
-        paced: Whether times between messages matter.
         observed: Function that returns the values of fields (by name) in nominal messages; these explain nothing.
-        better: Function that is called with each simpler log found to fail.
-
-    Attributes:
-        log: The simplest log so far.
-        records: Records of the simplifications.
-        trials: Number of trials so far.
     """
 
-    def __init__(
-        self,
-        log: FailingLog,
-        failing: Ask[FailingLog],
-        *,
-        registry: TypeRegistry,
-        paced: bool,
-        observed: Callable[[NamedFields], Mapping[str, Sequence[Scalar]]],
-        better: Callable[[FailingLog], None],
-    ) -> None:
-        self.log = log
-        self.records: list[SimplifiedRecord] = []
-        self.trials = 0
-        self._failing = failing
-        self._registry = registry
-        self._paced = paced
-        self._observed = observed
-        self._better = better
+    log: FailingLog
+    failing: Ask[FailingLog]
+    registry: TypeRegistry
+    paced: bool
+    observed: Callable[[NamedFields], Mapping[str, Sequence[Scalar]]]
+    better: Callable[[FailingLog], None]
+    records: list[SimplifiedRecord] = field(default_factory=list)
+    trials: int = 0
 
     def run(self, *, noise: Noise, budget: int, parallelism: int, progress: Progress | None) -> Noise:
-        """Simplify the log; return what is then known about the failure rates.
-
-        Args:
-            noise: Knowledge about the failure rates so far.
-            budget: Maximum number of trials.
-            parallelism: Number of questions worth asking in one batch.
-            progress: Function that is called after every batch.
-        """
+        """Simplify the log; return what is then known about the failure rates."""
         for stage in (self._gaps, self._payloads, self._fields):
             ladders, build = stage()
             if not ladders or self.trials >= budget:
@@ -102,7 +73,7 @@ class Simplification:
                 for place, levels in enumerate(questions):
                     with suppress(PayloadError):  # such a log cannot be written, so it does not fail
                         logs[place] = build(levels)
-                answers = iter(self._failing([log for log in logs if log is not None]))
+                answers = iter(self.failing([log for log in logs if log is not None]))
                 return [log is not None and next(answers) for log in logs]
 
             found = simplify(
@@ -112,7 +83,7 @@ class Simplification:
                 budget=budget - self.trials,
                 parallelism=parallelism,
                 progress=progress,
-                better=lambda levels, build=build: self._better(build(levels)),  # type: ignore[misc]
+                better=lambda levels, build=build: self.better(build(levels)),  # type: ignore[misc]
             )
             noise = found.noise
             self.trials += found.trials
@@ -122,8 +93,8 @@ class Simplification:
 
     def _gaps(self) -> tuple[list[_Ladder], _Build]:
         log = self.log
-        names = self.log.names(self._registry)
-        gaps = [max(0, after.time - before.time) for before, after in pairwise(log.messages)] if self._paced else []
+        names = self.log.names(self.registry)
+        gaps = [max(0, after.time - before.time) for before, after in pairwise(log.messages)] if self.paced else []
         ladders = [
             _Ladder("gap", f"{before} to {after}", (*_durations(gap), gap), position)
             for position, (gap, before, after) in enumerate(zip(gaps, names, names[1:], strict=False))
@@ -140,7 +111,7 @@ class Simplification:
 
     def _payloads(self) -> tuple[list[_Ladder], _Build]:
         """Return ladders that restore whole payloads, if several were modified or fields do not show how."""
-        log, names = self.log, self.log.names(self._registry)
+        log, names = self.log, self.log.names(self.registry)
         places = [place for place, one in enumerate(log.messages) if _changed(one, log.originals.get(one.sequence))]
         if len(places) == 1 and self._told_by_fields(places[0]):
             places = []
@@ -159,7 +130,7 @@ class Simplification:
         return ladders, build
 
     def _told_by_fields(self, place: int) -> bool:
-        fields = NamedFields(self.log, registry=self._registry)
+        fields = NamedFields(self.log, registry=self.registry)
         changed = {name: one.original for name, one in fields.fields.items() if one.original is not None}
         message = self.log.messages[place]
         try:
@@ -169,8 +140,8 @@ class Simplification:
 
     def _fields(self) -> tuple[list[_Ladder], _Build]:
         log = self.log
-        fields = NamedFields(log, registry=self._registry)
-        observed = self._observed(fields)
+        fields = NamedFields(log, registry=self.registry)
+        observed = self.observed(fields)
         ladders = [
             _Ladder("field", name, rungs_of(one.leaf.path, one.leaf.type, one.leaf.value, one.original, observed[name]))
             for name, one in fields.fields.items()
@@ -230,22 +201,14 @@ def spaced(log: FailingLog, gaps: Sequence[int]) -> FailingLog:
 
 def _durations(gap: int) -> list[int]:
     """Return simple durations below a gap, in nanoseconds: 0, then 1, 2, 5, 10, ... milliseconds."""
-    steps = (digit * 10**power * _MS for power in range(6) for digit in (1, 2, 5))
+    steps = (digit * 10**power for power in range(6, 12) for digit in (1, 2, 5))
     return [0, *(step for step in steps if step < gap)]
 
 
 def rungs_of(
     path: str, kind: str, value: Scalar, nominal: Scalar, observed: Sequence[Scalar] = ()
 ) -> tuple[Scalar, ...]:
-    """Return the values that may replace a failing one, the simplest first: the nominal value, then simple ones.
-
-    Args:
-        path: Path of the field.
-        kind: Type of the field.
-        value: The failing value; it comes last.
-        nominal: The value before the modification.
-        observed: Values in nominal messages, which do not explain a failure.
-    """
+    """Return the values that may replace a failing one, the simplest first: the nominal value, then simple ones."""
     if path.startswith("len("):
         simple: list[Scalar] = [2**power for power in range(17) if int(nominal) < 2**power < int(value)]
     elif isinstance(value, bool):

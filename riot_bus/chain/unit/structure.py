@@ -11,21 +11,16 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from riot_bus.chain.base.logs import FailingLog, NamedField, NamedFields
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.oracle import same_scalar
+from riot_bus.statistics.noise import Noise
 from riot_bus.types.capabilities import OmitsFields
 from riot_bus.vocabulary.errors import InconclusiveError, PayloadError
-
-if TYPE_CHECKING:
-    from riot_bus.statistics.noise import Noise
-    from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Ask, Progress
-
-_MORE_NS, _TIMES = 1_000_000_000, 10
-"""A lengthened gap is at least a second longer, and at least ten times as long."""
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Ask, Progress
 
 _TOGETHER = (("key", "missing key", "no value"), ("order",), ("gap",))
 """Kinds that are changed at once; swapped neighbours with swapped keys would be the same again."""
@@ -44,7 +39,6 @@ class Part:
             neighbouring messages come in this order; `gap`: the time between two neighbours is no longer than it is.
         name: Path of the key or keys, as `topic:path`; for `order` and `gap` the first message, as `topic`. It is
             `topic[i]` instead of `topic` if the log has several messages of the topic.
-        then: Name of the second message for `order` and `gap`; otherwise empty.
         change: Function that changes the property in a list of messages, in place: it omits the key, puts missing keys
             or values back, swaps the two messages, or lengthens the gap.
     """
@@ -69,7 +63,6 @@ class Structure:
     """What was found.
 
     Attributes:
-        needed: The parts that have to stay as they are.
         asked: Number of parts for which this was decided, by kind; 0 if trials did not decide.
         failed: Numbers of failed and of all trials with the other parts of a kind changed at once.
     """
@@ -82,14 +75,7 @@ class Structure:
 def parts_of(
     fields: NamedFields, considered: Sequence[NamedField], known: Collection[str], *, paced: bool
 ) -> list[Part]:
-    """Return what can be changed in a log besides values.
-
-    Args:
-        fields: The log.
-        considered: Fields that may be varied.
-        known: Fields whose values matter, so that they must be there anyway.
-        paced: Whether times between messages matter.
-    """
+    """Return what can be changed in a log besides values."""
     messages, names = fields.log.messages, fields.log.names(fields.registry)
     parts = [*_missing(fields, names), *_keys(considered, known)]
     parts += [
@@ -111,17 +97,7 @@ def search_structure(
     parallelism: int,
     progress: Progress | None,
 ) -> Structure:
-    """Find the parts that have to stay as they are.
-
-    Args:
-        log: A log that fails.
-        parts: The parts of it that may be changed.
-        ask: Function that runs a fresh trial of each log and tells whether it fails.
-        noise: Knowledge about the failure rates.
-        budget: Maximum number of trials.
-        parallelism: Number of questions worth asking in one batch.
-        progress: Function that is called after every batch.
-    """
+    """Find the parts that have to stay as they are."""
     needed: list[Needed] = []
     asked: dict[str, int] = {part.kind: 0 for part in parts}
     failed = total = 0
@@ -211,5 +187,5 @@ def _swap(place: int, messages: _Messages) -> None:
 
 def _lengthen(place: int, messages: _Messages) -> None:
     gap = messages[place + 1].time - messages[place].time
-    more = max(_MORE_NS, (_TIMES - 1) * gap)
+    more = max(1_000_000_000, 9 * gap)  # at least a second longer, and ten times as long
     messages[place + 1 :] = [message.with_(time=message.time + more) for message in messages[place + 1 :]]

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from pathlib import Path
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from riot_bus.backchain.box import Box, Place, RegionSample
 from riot_bus.backchain.region import FIT, Region, map_region
+from riot_bus.chain.base.external import ExternalField
+from riot_bus.chain.whole.driven_system import DrivenSystem
 from riot_bus.findings.activation import RangeRecord, RegionRecord
 from riot_bus.findings.permeability import PermeabilityRecord
 from riot_bus.findings.records import ProportionRecord, RuleRecord, RuleSample
@@ -22,31 +26,20 @@ from riot_bus.generalize.sampling import Variable
 from riot_bus.generalize.table import Table
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.chain.base.external import ExternalField
-    from riot_bus.chain.whole.driven_system import DrivenSystem
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 FOLDER = "region"
 """Folder within that of the finding, where the rule is."""
 _REGION_BUDGET, _AXES = 80, 2
 """Runs for a map of two fields, and these fields' number; more fields, if the failure needs them, get more runs."""
-_EDGE = 0.05  # of the spread; half of it takes about one more run for each edge
 _FRESH, _LEAST = 20, 5
 """Runs that test a learnt rule, half of them where it predicts a failure; and the fewest runs on either side."""
-_DRAWS = 1000  # a rule that holds in 1 % of the span gets `_LEAST` places with 97 %
 
 
 class RegionRule(NamedTuple):
     """A rule over external fields.
 
     Attributes:
-        rule: The rule.
-        samples: Values of its fields, and whether a run with them failed.
         tested: Runs that the rule was not learnt from: whether each was predicted to fail, and whether it did.
     """
 
@@ -76,12 +69,7 @@ class RegionRule(NamedTuple):
         return inside, outside
 
     def save(self, folder: Path, fields: Sequence[ExternalField]) -> None:
-        """Write it into a finding's folder as a rule that `riot scan` and guards accept.
-
-        Args:
-            folder: Folder of the finding.
-            fields: Fields of the rule; nothing is written if one is not a field of a log, such as a parameter.
-        """
+        """Write it into a finding's folder as a rule that `riot scan` and guards accept."""
         if any(field.constant for field in fields):
             return
         (folder / FOLDER).mkdir(exist_ok=True)
@@ -120,9 +108,6 @@ def box_rule(
     """Return a box as a rule; None if it has no limits.
 
     Args:
-        region: The region, which is a box.
-        fields: Fields of the box.
-        fixed: Values of other fields that the failure needs.
         samples: All runs in which those other fields had these values.
     """
     literals = _equal(fixed)
@@ -144,10 +129,6 @@ def learnt_rule(
     """Return a rule that is learnt from runs and tested in fresh ones; None if nothing distinguishes them.
 
     Args:
-        system: The system, which runs the tests.
-        region: The region, which is not a box.
-        fields: Fields of the region.
-        fixed: Places of other fields that the failure needs.
         samples: All runs in which those other fields had these places.
     """
     told = {name: system.fields[name].told(value) for name, value in fixed.items()}
@@ -181,7 +162,7 @@ def _fresh_places(
         for axis, values in zip(axes, zip(*known, strict=True), strict=True)
     ]
     found: dict[bool, list[Place]] = {True: [], False: []}
-    for _ in range(_DRAWS):
+    for _ in range(1000):  # a rule that holds in 1 % of the span gets `_LEAST` places with 97 %
         place = tuple(axis.decode(rng.uniform(*span)) for axis, span in zip(axes, spans, strict=True))
         values = {field.name: np.array([_value(field, at)]) for field, at in zip(fields, place, strict=True)}
         some = found[bool(rule.predict(values)[0])]
@@ -256,7 +237,7 @@ def crash_region(system: DrivenSystem, preferred: Sequence[str], found: Mapping[
         lambda points: [one.failed for one in system.run([{**fixed, **point} for point in points], "region")],
         seed=system.step.workspace.seed,
         budget=_REGION_BUDGET * max(_AXES, len(axes)) // _AXES,
-        tolerance=[_EDGE * axis.spread for axis in axes],
+        tolerance=[0.05 * axis.spread for axis in axes],  # half of it takes about one more run for each edge
         progress=system.step.progress,
     )
     samples = [*region.samples, *system.seen([axis.name for axis in axes], fixed)]

@@ -8,30 +8,25 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import chain
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, Skipped, analyse
 from riot_bus.chain.base.external import ExternalField
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.findings.permeability import Design, EdgeRecord
 from riot_bus.inject.apply import inject_log
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Progress, Runner, Series, TestCase
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
 
 _HOLD = 5
 """Samples of the slowest internal field during which a value is held."""
 _DRAWS = 399
-_TEXTS = 8
-"""Number of the most frequent texts of an internal field that are distinguished."""
 _IS = "\0"
 """Separator between a field and one of its texts; no name contains it."""
 _SUMMARIES: dict[str, Callable[[NDArray[np.float64]], Any]] = {
@@ -41,17 +36,10 @@ _SUMMARIES: dict[str, Callable[[NDArray[np.float64]], Any]] = {
 }
 """Summaries of an internal field over a whole run."""
 
-_LIVELY = 0.5
-"""An internal field is frozen if it has less than this share of the values that it has in nominal runs."""
-
-_PROMISING = 0.05
-"""If nothing reaches an internal field, a p-value up to this is worth further runs."""
 
 _SAMPLES, _FEWER_DRAWS = 200, 199
 """Samples of a run, and draws that still show a chance of 1 %, for intermediate fields: they cost less than others."""
 
-_FEWEST = 8
-"""Fewest runs, each with one value of a field, from which its effect can be judged."""
 _ABSENT = "no message of its topic came in these runs"
 _UNCHANGED = "no message that came in these runs could be changed in it"
 _RARE = "messages of its topic came in too few of these runs"
@@ -71,7 +59,6 @@ class Usual(NamedTuple):
 
     Attributes:
         rate: Its messages per second in the nominal log.
-        values: Number of its values in a run.
         moves: Whether it has more than one value.
     """
 
@@ -81,14 +68,7 @@ class Usual(NamedTuple):
 
 
 class ConstantRuns(NamedTuple):
-    """Results of runs in which each external field is constant.
-
-    Attributes:
-        edges: Results for pairs of external and internal fields.
-        runs: Number of runs.
-        untold: External fields that could not, or not fully, be judged, and why.
-        intermediate: Results for pairs of external and intermediate fields.
-    """
+    """Results of runs in which each external field is constant."""
 
     edges: list[EdgeRecord]
     runs: int
@@ -101,15 +81,7 @@ class DrivenRuns:
     """Runs of the whole system in which external fields are driven.
 
     Attributes:
-        step: The running step.
         runner: Runner that observes the internal fields, and the times of the external topics.
-        driving: Messages played to the system; empty if external components drive it.
-        internals: Names of the internal fields.
-        usual: Behaviour of each of them in nominal runs.
-        speed: Speed of the runs, as a multiple of the system's own time.
-        signature: Signature of the failure under analysis.
-        intermediates: Fields on the path to the internal ones, which the runner observes, too.
-        changed: Names of the fields that were set in a message in some run.
         failures: Failed runs by signature; a run that fails with `signature` counts for it alone.
         failing: Values by field, as a search sets them, of runs with constant fields that failed with `signature`.
     """
@@ -127,12 +99,7 @@ class DrivenRuns:
     failing: list[dict[str, float]] = field(default_factory=list)
 
     def within(self, fields: Sequence[ExternalField], numbers: range) -> list[Perturbed]:
-        """Return runs in which all fields are driven, each by its own signal in each run.
-
-        Args:
-            fields: External fields.
-            numbers: Numbers of the runs.
-        """
+        """Return runs in which all fields are driven, each by its own signal in each run."""
         return self._driven([fields] * len(numbers), numbers)
 
     def _driven(self, groups: Sequence[Sequence[ExternalField]], numbers: range) -> list[Perturbed]:
@@ -154,9 +121,6 @@ class DrivenRuns:
 
         Args:
             plans: For each case the fields that it sets, in the order of its injections.
-            cases: The test cases.
-            doing: Purpose of these runs, for the progress.
-            before: Number of runs before these, for the progress.
         """
         outcomes: list[Outcome] = []
         for start in range(0, len(cases), self.runner.parallelism):
@@ -177,13 +141,7 @@ class DrivenRuns:
             self.changed.update(one.name for one, count in zip(fields, counts, strict=True) if count)
 
     def why_undriven(self, one: ExternalField, outcomes: Sequence[Outcome], *, least: int = 1) -> str:
-        """Return why runs did not set a field, so that they say nothing about it; empty if they did.
-
-        Args:
-            one: The external field.
-            outcomes: Outcomes of the runs.
-            least: Number of runs with messages that is enough.
-        """
+        """Return why runs did not set a field, so that they say nothing about it; empty if they did."""
         if one.parameter:
             refused = sum(one.path in outcome.statistics.get("refused", {}) for outcome in outcomes)
             return _REFUSED if refused and len(outcomes) - refused < least else ""
@@ -198,7 +156,6 @@ class DrivenRuns:
         """Return how constant external fields affect mean, spread and last value of internal ones over runs.
 
         Args:
-            fields: External fields.
             numbers: Numbers of the runs; as many more follow if something almost reaches an otherwise unreached field.
             alpha: Accepted share of false discoveries for each internal field in each of the two tests.
             design: Design of the runs; `beyond nominal` spreads values over all that may be tried, on search scale.
@@ -207,7 +164,7 @@ class DrivenRuns:
         outcomes = self._constant(drawn, 0, numbers)
         edges, untold = self._followed(drawn, outcomes, alpha=alpha, design=design)
         reached = {edge.internal for edge in edges if edge.permeable}
-        if any(edge.p_value <= _PROMISING for edge in edges if edge.internal not in reached):
+        if any(edge.p_value <= 0.05 for edge in edges if edge.internal not in reached):
             outcomes += self._constant(drawn, len(numbers), range(numbers.stop, numbers.stop + len(numbers)))
             edges, untold = self._followed(drawn, outcomes, alpha=alpha, design=design)
         intermediate, _ = self._followed(drawn, outcomes, alpha=alpha, design=design, names=self.intermediates)
@@ -255,7 +212,7 @@ class DrivenRuns:
         Also return the external fields that could not be judged, and why.
         """
         count = range(len(outcomes))
-        untold = {one.name: why for one in drawn if (why := self.why_undriven(one, outcomes, least=_FEWEST))}
+        untold = {one.name: why for one in drawn if (why := self.why_undriven(one, outcomes, least=8))}
         inputs = {
             field.name: FieldDrive(Series(tuple(map(float, count)), tuple(map(signal.value, count))), signal)
             for field, (signal, _) in drawn.items()
@@ -282,16 +239,12 @@ class DrivenRuns:
         """Return whether an internal field has far fewer values than in nominal runs, or just one instead of several.
 
         A failed run does not count as frozen: a crashed component publishes nothing more, but it refused no input.
-
-        Args:
-            outcome: Outcome of the run.
-            constant: Whether external fields were constant in it, so that internal ones may be.
         """
         if outcome.violations:
             return False
         for name, usual in self.usual.items():
             values = outcome.observed[name].values
-            if len(values) < _LIVELY * usual.values or (usual.moves and not constant and len(set(values)) < 2):
+            if len(values) < usual.values / 2 or (usual.moves and not constant and len(set(values)) < 2):
                 return True
         return False
 
@@ -299,10 +252,6 @@ class DrivenRuns:
         self, fields: Sequence[ExternalField], numbers: range
     ) -> tuple[list[ExternalField], list[ExternalField], int]:
         """Find the external fields that freeze internal ones, for example because a message is refused.
-
-        Args:
-            fields: External fields that freeze internal ones when they are driven together.
-            numbers: Numbers of the runs, as many as may be used.
 
         Returns:
             These fields, those that the runs did not suffice to tell apart, and the number of runs used. There are no
@@ -331,7 +280,6 @@ class DrivenRuns:
         """Return runs in which fields were driven, in the form that the analysis takes.
 
         Args:
-            some: Signals and outcomes of the runs.
             intermediate: Whether outputs are the intermediate fields, with fewer samples, instead of the internal ones.
         """
         outputs = as_numbers([outcome for _, outcome in some], self.intermediates if intermediate else self.internals)
@@ -379,14 +327,7 @@ class DrivenRuns:
 def changed_in_log(
     fields: Sequence[ExternalField], case: TestCase, registry: TypeRegistry, known: Collection[str] = ()
 ) -> set[str]:
-    """Return the names of the fields that a case sets in some message of the log that it plays.
-
-    Args:
-        fields: The fields, in the order of its injections; parameters of commands are left out.
-        case: The test case.
-        registry: Registry of topics and types.
-        known: Names of fields that need no check.
-    """
+    """Return the names of the fields that a case sets in some message of the log that it plays."""
     injections = [each for each in case.injections if each.topic != PARAMETERS]
     pairs = [(one, each) for one, each in zip(fields, injections, strict=True) if one.name not in known]
     topics = {one.topic for one, _ in pairs}
@@ -459,7 +400,7 @@ def as_numbers(outcomes: Sequence[Outcome], internals: Sequence[str]) -> list[di
     def told(series: Series, name: str) -> dict[str, Series]:
         if not texts[name]:
             return {name: series}
-        often = [text for text, _ in texts[name].most_common(_TEXTS)]
+        often = [text for text, _ in texts[name].most_common(8)]
         often = often[: len(often) - 1] if len(texts[name]) <= 2 else often
         return {
             f"{name}{_IS}{text}": Series(series.times, tuple(float(value == text) for value in series.values))

@@ -4,52 +4,41 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import islice, product
-from typing import TYPE_CHECKING, TypeGuard
+from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from riot_bus.backchain.activation import Activation, Evaluation
 from riot_bus.backchain.box import RegionSample
 from riot_bus.backchain.encoding import Encoding
 from riot_bus.backchain.varied import Drive, VariedInputs
+from riot_bus.campaign.store import StoredRunner
 from riot_bus.chain.base.external import ExternalField, external_fields
 from riot_bus.chain.base.logs import internal_name
+from riot_bus.chain.base.workspace import StepRun
 from riot_bus.chain.unit.prediction import alike, column_of
 from riot_bus.chain.whole.driven import changed_in_log
 from riot_bus.findings.activation import PointRecord
 from riot_bus.findings.records import FindingRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.statistics.rates import chance_of_difference
+from riot_bus.system.system_file import SystemFile
+from riot_bus.trial.baseline import Baseline
 from riot_bus.types.latest import place_of
 from riot_bus.vocabulary.injection import Curve, Injection
-from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from riot_bus.campaign.store import StoredRunner
-    from riot_bus.chain.base.workspace import StepRun
-    from riot_bus.system.system_file import SystemFile
-    from riot_bus.trial.baseline import Baseline
-    from riot_bus.vocabulary.message import Message
 
 AGAIN, _FEWEST_AGAIN, _CHANCE = ((4, 10), (10, 10), (20, 40)), 2, 0.003
 """Numbers of runs at a failing point and with nominal inputs, compared pair after pair. Four failures of four against
 none of ten have a chance of 0.001 if the rates are the same, and six of twenty against none of forty 0.0008."""
 _FRESH, _FRESH_CHANCE = 20, 0.05
 """Further runs of either kind if a failing point does not always fail, as the earlier ones were tested repeatedly."""
-_CONTROL_SEEDS = 1 << 20
-"""Offset for runs with nominal inputs, so that they have seeds that no other run of the step has."""
-_SIMPLER = 8
-"""Points with constant values that are tried if values that vary in time were found."""
-_LATE = 1e-3
-"""Delay of a message in seconds, if it only serves to show that the message came."""
 _HELD_UP = 0.25
 """Share of a run's time: in one that waited so long for a processor, messages may have come too late to matter (in one
 that had waited for a third, a goal had no effect; the search turned away from it, and took 165 runs instead of 27)."""
@@ -63,12 +52,6 @@ def least_distance(
 
     Fields are joined in time: each sample of one field meets the latest value of every other one, or the value in an
     earlier message if the rule refers to that.
-
-    Args:
-        rule: The unit-level rule.
-        observed: Its variables over time.
-        scale: Nominal spread of each variable.
-        topics: Topic of each message of the short log in which the variables are named.
     """
     stamps: dict[str, NDArray[np.float64]] = {}
     values: dict[str, Sequence[Scalar]] = {}
@@ -92,12 +75,8 @@ class DrivenSystem:
     """Runs of the whole system with external fields held at given values.
 
     Args:
-        step: The running step.
-        folder: Folder of the finding.
         driving: Messages played to the system, with fields changed; empty if external components drive it.
         judged: Name and baseline of the unit that is compared with its nominal runs.
-        names: Names of the fields that may be set.
-        budget: Largest number of runs that repeat failing points.
     """
 
     def __init__(
@@ -142,7 +121,7 @@ class DrivenSystem:
         for value in ("low", "high"):
             # messages can only be late or lost if there are any
             injections = tuple(
-                Injection(each.topic, fault="delay", delay=_LATE)
+                Injection(each.topic, fault="delay", delay=1e-3)
                 if each.timing
                 else each.injection(getattr(each, value))
                 for each in fields
@@ -163,12 +142,7 @@ class DrivenSystem:
         return kept
 
     def run(self, points: Sequence[Mapping[str, float]], phase: str) -> list[Evaluation]:
-        """Run the system at each point.
-
-        Args:
-            points: Points as in `VariedInputs.drives`.
-            phase: Purpose of these runs, for the record.
-        """
+        """Run the system at each point."""
         cases: list[TestCase] = []
         for point in points:
             injections = tuple(map(self._injection, self.varied.drives(point)))
@@ -279,7 +253,6 @@ class DrivenSystem:
 
         Args:
             axes: Names of the fields; a run that left one alone had its nominal value.
-            fixed: Values that other fields had in these runs.
         """
         failed, total = self.controls()
         usual = {name: self.fields[name].told(self.fields[name].nominal) for name in (*axes, *fixed)}
@@ -299,7 +272,7 @@ class DrivenSystem:
         """Return how many runs with nominal inputs failed the same way, of how many, after running at least `least`."""
         failed, total = self._controls
         if total < least:
-            first = self.step.workspace.seed + _CONTROL_SEEDS
+            first = self.step.workspace.seed + (1 << 20)  # seeds that no other run of the step has
             cases = [TestCase(self.driving, seed=first + number) for number in range(total, least)]
             outcomes = self.runner.run(cases)
             self._controls = failed + sum(one.failed_as(self.finding.signature) for one in outcomes), least
@@ -326,7 +299,7 @@ class DrivenSystem:
         for drive in self.varied.drives(found):
             if drive.value is not None:
                 values.setdefault(drive.field, {})[drive.value] = None
-        points = [dict(zip(values, one, strict=True)) for one in islice(product(*values.values()), _SIMPLER)]
+        points = [dict(zip(values, one, strict=True)) for one in islice(product(*values.values()), 8)]
         if values and not found.keys() <= self.fields.keys():
             for point, one in zip(points, self.run(points, "needed"), strict=True):
                 if one.failed and self._comes_again(point):

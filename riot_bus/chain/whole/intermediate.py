@@ -3,43 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice, zip_longest
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from riot_bus.backchain.graph import TopicGraph
 from riot_bus.campaign.targets import targets_of
 from riot_bus.chain.base.external import message_rate
 from riot_bus.chain.base.logs import nominal_values
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.findings.permeability import EdgeRecord, PathRecord, StageRecord
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.selector import parse_selector
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from riot_bus.backchain.graph import TopicGraph
-    from riot_bus.chain.base.workspace import Workspace
-    from riot_bus.vocabulary.message import Message, Scalar
 
 _PER_TOPIC, _MOST = 3, 48
 """Most fields per topic, and in total: each costs a read for each message of a run, and an analysis."""
 _LARGEST, _MOST_MESSAGES = 16 << 10, 10_000
 """Largest bytes of a message, and messages of a topic in a run: a whole run is in memory, so topics with more, such as
 images, are left out."""
-_READ, _PATHS = 100, 64
-"""Nominal messages of a topic, and fields of them, among which those that vary most are chosen."""
 
 
 def intermediate_fields(
     workspace: Workspace, graph: TopicGraph, topics: Iterable[str], externals: Iterable[str]
 ) -> tuple[str, ...]:
-    """Return numeric fields on topics between external and internal ones, those that vary most in the nominal log.
-
-    Args:
-        workspace: The system.
-        graph: Graph of the readers and writers of topics.
-        topics: The internal topics, which are left out.
-        externals: The external topics, which are left out.
-    """
+    """Return numeric fields on topics between external and internal ones, those that vary most in the nominal log."""
     inside, outside = set(topics), set(externals)
     before = {one for topic in inside for one in graph.reaching(topic)}
     behind = {one for topic in outside for one in graph.reached(topic)}
@@ -51,10 +39,10 @@ def intermediate_fields(
             carried.setdefault(topic, []).append(message)
     messages = [one for some in carried.values() if _are_few(some, workspace) for one in some]
     paths = {
-        topic: [one.path for one in some if _can_be_observed(topic, one.path)][:_PATHS]
+        topic: [one.path for one in some if _can_be_observed(topic, one.path)][:64]
         for topic, some in targets_of(messages, registry).items()
     }
-    values = nominal_values(messages, paths, registry=registry, at_most=_READ)
+    values = nominal_values(messages, paths, registry=registry, at_most=100)
     chosen = []
     for topic, some in sorted(paths.items()):
         distinct = {f"{topic}:{path}": _different_numbers(values[f"{topic}:{path}"]) for path in some}
@@ -90,10 +78,6 @@ def _different_numbers(values: Sequence[Scalar]) -> int:
 def with_strengths(tree: dict[str, Any], edges: Iterable[EdgeRecord]) -> dict[str, Any]:
     """Return a backtrack tree with the field of each topic that follows an external field most.
 
-    Args:
-        tree: Backtrack tree, as `Hop.as_json` returns it.
-        edges: Edges to fields of its topics.
-
     Returns:
         The tree; each node has `follows` (an edge as data; None if no field of the topic was tested).
     """
@@ -114,10 +98,6 @@ def most_permeable_paths(trees: Sequence[Mapping[str, Any]], edges: Iterable[Edg
 
     The strength of a topic is the share of its strongest field that follows the external one. A path counts only if
     the strength of each of its topics is known and not 0; there may be none.
-
-    Args:
-        trees: Backtrack trees, as `Hop.as_json` returns them.
-        edges: Edges to fields of their topics.
     """
     known = {(edge.external, _topic_of(edge)): edge for edge in sorted(edges, key=_shown)}
     sources: dict[str, dict[str, None]] = {}

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from riot_bus.chain.unit.questions import FreshCases
+from riot_bus.chain.whole.driven_system import DrivenSystem
 from riot_bus.generalize.minimize import minimize
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.reader import read_log
@@ -16,16 +18,7 @@ from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import PARAMETERS
 from riot_bus.vocabulary.trial import TestCase
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.chain.whole.driven_system import DrivenSystem
-
-_REPLAYS = 10
-_RELIABLE = 0.9
-"""Share of replays that must fail; otherwise the messages that the failure needs are not searched for."""
-_BUDGET = 60
-"""Runs for that search, which takes about log2 of the number of messages for each that is needed."""
+_REPLAYS = 10  # all of them failing shows a rate above 0.74 with 95 %
 
 
 class Replay(NamedTuple):
@@ -33,8 +26,6 @@ class Replay(NamedTuple):
 
     Attributes:
         messages: Number of external messages; 0 if they were not kept.
-        total: Number of replays of all these messages.
-        failed: Number of replays that failed again.
         needed: Number of messages that are enough; 0 if unknown.
         proven: Whether it was shown that none of these can be left out.
         others: Signatures of other failures of these replays, each once for each replay.
@@ -50,15 +41,13 @@ class Replay(NamedTuple):
     @property
     def reliable(self) -> bool:
         """Whether so many replays failed that one is expected to; so without any replay."""
-        return self.failed >= _RELIABLE * self.total
+        return self.failed >= 0.9 * self.total
 
 
 def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Replay:
     """Replay only the external messages of a failing run in fresh runs, all and then fewer; write the logs.
 
     Args:
-        system: The system.
-        case: The failing run; None if there is none.
         log: Path of the log of its external messages; None if the case itself plays them.
     """
     target, context = system.folder / "activation.mcap", system.step.workspace.context
@@ -101,7 +90,7 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
             ask,
             groups=[context.registry.topic(message.key) for message in external],
             noise=Noise.after(failed, _REPLAYS, nominal_total=system.controls()[1]),
-            budget=_BUDGET,
+            budget=60,  # about log2 of the number of messages for each that is needed
             parallelism=runner.parallelism,
             progress=system.step.progress,
         )

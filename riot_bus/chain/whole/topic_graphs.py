@@ -1,38 +1,16 @@
-"""Graphs of the topics that components read and write, from riot.toml and from graphs recorded in logs."""
+"""The graph of the topics that components read and write, as riot.toml declares it."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
 
 from riot_bus.backchain.graph import ComponentTopics, TopicGraph
-from riot_bus.graph.history import replay
-from riot_bus.log.layout import GRAPH
-from riot_bus.types.serve import ERROR, REPLY, REQUEST
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
-
-    from riot_bus.graph.model import Edge, Graph
-    from riot_bus.log.reader import LogReader
-    from riot_bus.system.system_file import SystemFile
-    from riot_bus.types.registry import TypeRegistry
-
-DECLARED, RECORDED = "riot.toml", "recorded graph"
-
-_SAYS_IT_ALL = frozenset({"ros2 token", "bridge token", "declaration", "bridge"})
-"""Evidence of components that announce everything they read and write; others show only in traffic."""
+from riot_bus.system.system_file import SystemFile
+from riot_bus.types.registry import TypeRegistry
 
 
 def topics_named(name: str, keys: Mapping[str, str], registry: TypeRegistry) -> frozenset[str]:
-    """Return the topics of logs that a name or key expression matches; the name itself if it matches none.
-
-    Args:
-        name: Name or key expression, as users write it.
-        keys: Zenoh key of each topic.
-        registry: The registry that resolves names.
-    """
+    """Return the topics of logs that a name or key expression matches; the name itself if it matches none."""
     found = {topic for topic, key in keys.items() if name == topic or registry.matches(name, key)}
     return frozenset(found or {name})
 
@@ -45,90 +23,7 @@ def declared_graph(file: SystemFile, keys: Mapping[str, str], registry: TypeRegi
 
     return TopicGraph(
         {
-            name: ComponentTopics(named(component.inputs), named(component.outputs), DECLARED)
+            name: ComponentTopics(named(component.inputs), named(component.outputs), "riot.toml")
             for name, component in file.components.items()
         }
     )
-
-
-def joined(first: TopicGraph, second: TopicGraph) -> TopicGraph:
-    """Return the first graph, with components of the second that write topics without a writer in the first."""
-    written = frozenset().union(*(one.outputs for one in first.components.values()))
-    more = {
-        name if name not in first.components else f"{name} (recorded)": replace(one, outputs=one.outputs - written)
-        for name, one in second.components.items()
-        if one.outputs - written
-    }
-    return TopicGraph({**first.components, **more})
-
-
-@dataclass(slots=True)
-class _Part:
-    inputs: set[str] = field(default_factory=set)
-    outputs: set[str] = field(default_factory=set)
-    told: bool = False
-
-
-class RecordedComponents:
-    """Components in the recorded graphs of several logs: those with the same name are one component."""
-
-    def __init__(self) -> None:
-        self._parts: defaultdict[str, _Part] = defaultdict(_Part)
-        self.logs = 0
-        self.damaged: list[str] = []
-
-    def add(self, reader: LogReader) -> None:
-        """Add the graphs of a log."""
-        topics = {source.key: source.topic for source in reader.sources().values() if source.role == "delivered"}
-        any_graph = False
-        try:
-            for _, graph in replay(reader.notes(GRAPH)):
-                any_graph = True
-                self._add_graph(graph, topics)
-        except ValueError as error:
-            self.damaged.append(f"{reader.path}: the recorded graph is damaged ({error})")
-        self.logs += any_graph
-
-    def graph(self) -> TopicGraph:
-        """Return the topic graph; components that do not announce themselves are open."""
-        return TopicGraph(
-            {
-                name: ComponentTopics(frozenset(one.inputs), frozenset(one.outputs), RECORDED, open=not one.told)
-                for name, one in self._parts.items()
-                if one.inputs or one.outputs
-            }
-        )
-
-    def _add_graph(self, graph: Graph, topics: Mapping[str, str]) -> None:
-        names = {topic.key: topics.get(topic.key, topic.name) for topic in graph.topics}
-        behind: defaultdict[str, set[str]] = defaultdict(set)  # the nodes of each session
-        for edge in graph.edges:
-            if edge.zid and edge.node:
-                behind[edge.zid].add(edge.node)
-        for edge in graph.edges:
-            if not edge.zid or "*" in edge.topic:
-                continue  # unknown session; each key that a key expression matches has an edge of its own
-            component = graph.component(edge.zid)
-            label = component.label if component is not None else edge.zid[:8]
-            # A link's messages go to all systems behind it; a session without a node acts for itself.
-            for who in {edge.node} if edge.node else behind.get(edge.zid, set()) or {label}:
-                part = self._parts[who]
-                part.told = part.told or not _SAYS_IT_ALL.isdisjoint(edge.evidence)
-                reads, writes = _topics_of(edge, names, topics)
-                part.inputs |= reads
-                part.outputs |= writes
-
-
-def _topics_of(edge: Edge, names: Mapping[str, str], topics: Mapping[str, str]) -> tuple[set[str], set[str]]:
-    """Return the topics that an edge's component reads and writes; for services, the parts that logs have."""
-    if edge.role == "subscribes":
-        return {names.get(edge.topic, edge.topic)}, set()
-    if edge.role == "publishes":
-        return set(), {names.get(edge.topic, edge.topic)}
-    request = _recorded(edge.topic, (REQUEST,), topics)
-    reply = _recorded(edge.topic, (REPLY, ERROR), topics)
-    return (reply, request) if edge.role == "calls" else (request, reply)
-
-
-def _recorded(key: str, parts: Collection[str], topics: Mapping[str, str]) -> set[str]:
-    return {topics[f"{key}/{part}"] for part in parts if f"{key}/{part}" in topics}

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.generalize.expressions import TEXTS, Applied, of_text
 from riot_bus.generalize.forms.standalone import div, larger, leg, quotient, smaller
 from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
-
-if TYPE_CHECKING:
-    from riot_bus.generalize.literals import Literal
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.generalize.literals import Literal
+from riot_bus.vocabulary.message import Scalar
 
 Judge = Callable[[Sequence[Any]], bool]
 """Function that returns whether values, in a given order of names, meet a rule."""
@@ -67,12 +65,7 @@ def compiled(tree: Tree, names: Sequence[str]) -> Callable[[Sequence[Any]], Any]
 
 
 def judge_of(terms: Terms, names: Sequence[str]) -> Judge:
-    """Return a function that judges a single row as `Rule.predict` does; it never raises.
-
-    Args:
-        terms: Terms of the rule, each a conjunction of literals.
-        names: Names of the values that it will get, in their order.
-    """
+    """Return a function that judges a single row as `Rule.predict` does; it never raises."""
     judges = term_judges(terms, names)
     return judges[0] if len(judges) == 1 else lambda values: any(judge(values) for judge in judges)
 

@@ -1,20 +1,15 @@
-"""A rule as a Python file: a predicate, and a function that moves values to the nearest ones without failure."""
+"""A rule as a Python predicate that stands alone."""
 
 from __future__ import annotations
 
 import inspect
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from riot_bus.generalize.forms import standalone
-from riot_bus.generalize.forms.repair import unit_of, where_it_changes, why_not_repairable
 from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
-from riot_bus.generalize.forms.words import comparison, identifiers, is_float, is_misfit, line
-from riot_bus.vocabulary.elements import is_counted
-
-if TYPE_CHECKING:
-    from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.forms.words import comparison, identifiers, is_float, is_misfit
+from riot_bus.generalize.literals import Literal
 
 OPERATIONS: Mapping[str, str] = {
     "negative": "-{0}",
@@ -41,91 +36,12 @@ OPERATIONS: Mapping[str, str] = {
     "quotient": "quotient({0}, {1})",
     "leg": "leg({0}, {1})",
 }
-_HEAD = '''\
-"""Tells the inputs on which a unit fails, and moves them to the nearest ones on which it does not.
-
-Written by riot_bus. It needs the standard library alone; what stands below the line is the same in all such files.
-"""
-{told}
-
-from __future__ import annotations
-
-import math
-import struct
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
-
-FIELDS = {{
-{fields}
-}}
-"""Where the arguments come from, in their order, and their types."""
-
-
-def is_dangerous({arguments}):
-    """Return whether the unit fails, as the rule says."""
-    return (
-        {predicate}
-    )
-
-
-{sanitize}
-# ----------------------------------------------------------------------------------------------------------------------
-
-{copy}'''
-_SANITIZE = '''\
-def sanitize({arguments}):
-    """Return the arguments, as a list, such that `is_dangerous` is false; None if no such values are near.
-
-    One value moves as little as possible, in units of its nominal spread; more move only where one will not do.
-    """
-    return nearest([{arguments}], TERMS, ROOTS, KINDS, UNITS)
-
-
-TERMS = (
-{terms}
-)
-ROOTS = (
-{roots}
-)
-KINDS = {kinds}
-UNITS = {units}
-
-'''
-
-
-def python_file(terms: Terms, *, types: Mapping[str, str], scale: Mapping[str, float], told: Sequence[str]) -> str:
-    """Return the text of a Python file.
-
-    Args:
-        terms: Terms of the rule, each a conjunction of literals.
-        types: Types of its variables.
-        scale: Nominal spread of its variables.
-        told: Lines for the reader: what it is about, and the rule.
-    """
-    names = list(types)
-    words = identifiers(names)
-    arguments = ", ".join(words.values())
-    fields = [f"    {words[name]!a}: ({name!a}, {types[name]!a})," for name in names]
-    return _HEAD.format(
-        told="\n".join(f"# {line(each)}" for each in told),
-        fields="\n".join(fields),
-        arguments=arguments,
-        predicate="\n        or ".join(f"({_term(term, words, types)})" for term in terms) or "False",
-        sanitize=_sanitize(terms, names, words, types, scale),
-        copy=_copy(),
-    )
 
 
 def python_predicate(terms: Terms, *, types: Mapping[str, str], told: str) -> str:
-    """Return the source of a standalone predicate `rule(v)` over a dict of variables.
-
-    Args:
-        terms: Terms of the rule, each a conjunction of literals.
-        types: Types of its variables.
-        told: The rule as text.
-    """
+    """Return the source of a standalone predicate `rule(v)` over a dict of variables."""
     words = identifiers(list(types))
-    predicate = "\n        or ".join(f"({_term(term, words, types)})" for term in terms) or "False"
+    predicate = "\n        or ".join(f"({term_text(term, words, types)})" for term in terms) or "False"
     used = {each.__name__ for each in _HELPERS if f"{each.__name__}(" in predicate}
     used |= {"larger"} if "smaller" in used else set()  # `smaller` calls it
     helpers = "".join(f"{inspect.getsource(each)}\n\n" for each in _HELPERS if each.__name__ in used)
@@ -138,31 +54,8 @@ def python_predicate(terms: Terms, *, types: Mapping[str, str], told: str) -> st
 _HELPERS = (standalone.div, standalone.larger, standalone.smaller)
 
 
-def _sanitize(
-    terms: Terms, names: Sequence[str], words: Mapping[str, str], types: Mapping[str, str], scale: Mapping[str, float]
-) -> str:
-    movable = [name for name in names if not is_counted(name)]
-    if why := why_not_repairable(terms, movable, types):
-        return f"# No sanitize: {line(why)}\n\n"
-    call = f"lambda {', '.join(words.values())}: "
-    changes = where_it_changes(terms, movable, types)
-    return _SANITIZE.format(
-        arguments=", ".join(words.values()),
-        terms="\n".join(f"    {call}{_term(term, words, types)}," for term in terms),
-        roots="\n".join(
-            f"    ({names.index(name)}, {call}{_expression(root, words)}, {value!r})," for name, root, value in changes
-        ),
-        kinds=repr([types[name] for name in names]),
-        units=repr([unit_of(scale, name) for name in names]),
-    )
-
-
-def _copy() -> str:
-    source = inspect.getsource(standalone)
-    return source[source.index("INTEGERS = {") :]
-
-
-def _term(term: Sequence[Literal], words: Mapping[str, str], types: Mapping[str, str]) -> str:
+def term_text(term: Sequence[Literal], words: Mapping[str, str], types: Mapping[str, str]) -> str:
+    """Return a conjunction of literals as a Python expression over the words for its variables."""
     return " and ".join(_literal(each, words, types) for each in term) or "True"
 
 
@@ -180,7 +73,7 @@ def _literal(literal: Literal, words: Mapping[str, str], types: Mapping[str, str
     tree = feature_tree(literal.feature)
     if tree.operation == "bytes" and types[literal.feature.args[0]] == "bytes":
         tree = Tree("len", tree.operands)
-    text, floating = _expression(tree, words), is_float(tree, types)
+    text, floating = expression_text(tree, words), is_float(tree, types)
     if value is None and tree.operation not in ("nan", "nonfinite"):
         return text if literal.operator == "is" else f"not {text}"
     if value is None:
@@ -196,14 +89,15 @@ def _literal(literal: Literal, words: Mapping[str, str], types: Mapping[str, str
     return f"{text} {operator} {number!r}"
 
 
-def _expression(tree: Tree, words: Mapping[str, str]) -> str:
+def expression_text(tree: Tree, words: Mapping[str, str]) -> str:
+    """Return a tree as a Python expression."""
     if tree.operation == "variable":
         return words[str(tree.value)]
     if tree.operation == "constant":
         return ascii(tree.value)
     parts = []
     for each in tree.operands:
-        text = _expression(each, words)
+        text = expression_text(each, words)
         whole = each.operation in ("variable", "constant") or OPERATIONS[each.operation].endswith(")")
         inside = OPERATIONS[tree.operation].endswith(")")
         parts.append(text if whole or inside else f"({text})")

@@ -12,13 +12,7 @@ from riot_bus.generalize.forms.tree import NO_ROOTS, Terms, Tree, roots
 
 
 def why_not_repairable(terms: Terms, names: Sequence[str], types: Mapping[str, str]) -> str:
-    """Return why a rule has no nearest values for which it does not hold; empty if it has.
-
-    Args:
-        terms: Terms of the rule, each a conjunction of literals.
-        names: Variables that may be changed.
-        types: Types of the variables.
-    """
+    """Return why a rule has no nearest values for which it does not hold; empty if it has."""
     movable = [name for name in names if _is_number(types.get(name, ""))]
     for term in terms:
         if not any(roots(literal, name) for literal in term for name in movable):
@@ -48,15 +42,7 @@ def unit_of(scale: Mapping[str, float], name: str) -> float:
 
 
 class Repair:
-    """Function that changes values so that a rule does not hold; see `standalone.nearest`.
-
-    Args:
-        terms: Terms of the rule, each a conjunction of literals.
-        names: Names of all values, in their order.
-        movable: Names of those that may be changed.
-        types: Types of variables by name.
-        scale: Nominal spread by name, in units of which moves are measured.
-    """
+    """Function that changes values so that a rule does not hold; see `standalone.nearest`."""
 
     def __init__(
         self,
@@ -76,11 +62,7 @@ class Repair:
         ]
 
     def __call__(self, values: Sequence[Any]) -> list[Any] | None:
-        """Return values for which the rule does not hold; None if none are found.
-
-        Args:
-            values: Values in the order of the names; the rule holds for them.
-        """
+        """Return values for which the rule does not hold; None if none are found."""
         try:
             return nearest(values, self._terms, self._roots, self._kinds, self._units)
         except (OverflowError, TypeError):  # a value has the wrong type, or is too large

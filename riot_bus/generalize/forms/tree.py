@@ -9,14 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING
 
 from riot_bus.generalize.expressions import Applied, Name, Node, text
+from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from riot_bus.generalize.features import Feature
 
 Terms = tuple[tuple[Literal, ...], ...]
 
@@ -163,12 +160,7 @@ def one_by_one(literal: Literal) -> tuple[Literal, ...]:
 
 
 def roots(literal: Literal, name: str) -> tuple[Tree, ...]:
-    """Return the values of a variable at which a literal changes; empty if not known, or not about numbers.
-
-    Args:
-        literal: Literal of a rule.
-        name: Name of the variable that moves.
-    """
+    """Return the values of a variable at which a literal changes; empty if not known, or not about numbers."""
     feature = literal.feature
     if feature.kind in NO_ROOTS or isinstance(literal.value, bool) or not isinstance(literal.value, int | float):
         return ()

@@ -7,14 +7,11 @@ import keyword
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from riot_bus.generalize.expressions import TEXTS, Applied
 from riot_bus.generalize.forms.standalone import FLOATS
 from riot_bus.generalize.forms.tree import Tree
-
-if TYPE_CHECKING:
-    from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.literals import Literal
 
 _CPP = (
     "alignas alignof and and_eq asm auto bitand bitor bool case catch char class compl const constexpr "
@@ -71,12 +68,7 @@ def is_misfit(literal: Literal, types: Mapping[str, str]) -> bool:
 
 
 def comparison(literal: Literal, *, floating: bool) -> tuple[str, int | float] | bool:
-    """Return the operator and number of a literal in the type of its feature, or its truth if values do not matter.
-
-    Args:
-        literal: A literal that compares with a number.
-        floating: Whether its feature is a floating-point number; then so is the threshold, else it is an integer.
-    """
+    """Return the operator and number of a literal in the type of its feature, or its truth if values do not matter."""
     operator, value = literal.operator, literal.value
     assert isinstance(value, int | float)
     if floating:

@@ -58,33 +58,6 @@ def test_a_tree_of_one_topic_is_cut_at_its_root(graph):
     assert text_of(tree) == "map [cut]"
 
 
-def test_each_topic_is_followed_at_one_place_if_asked_so(graph):
-    tree = graph.backtrack_tree("plan", {"goal", "scan", "cmd"}, once=True)
-    assert text_of(tree).splitlines() == [
-        "plan",
-        "  goal via planner [external]",
-        "  map via planner",
-        "    odom via mapper [again]",
-        "    scan via mapper [external]",
-        "  odom via planner",
-        "    cmd via base [external]",
-    ]
-    loop = graph.backtrack_tree("odom", {"goal"}, once=True)
-    assert "odom via planner [loop]" in text_of(loop)
-
-
-def test_a_way_without_end_is_cut():
-    steps = {f"c{at}": ComponentTopics(frozenset({f"t{at + 1}"}), frozenset({f"t{at}"})) for at in range(300)}
-    text = text_of(TopicGraph(steps).backtrack_tree("t0", {"t300"}, once=True))
-    assert text.splitlines()[-1].endswith("t201 via c200 [cut]")
-
-
-def test_loops_are_sets_of_topics_that_lead_back(graph):
-    assert graph.loops() == [("cmd", "map", "odom")]
-    assert TopicGraph({"echo": ComponentTopics(frozenset({"a"}), frozenset({"a", "b"}))}).loops() == [("a",)]
-    assert TopicGraph().loops() == []
-
-
 def test_writers_are_found_by_topic(graph):
     assert list(graph.writers("plan")) == ["planner"]
     assert graph.writers("goal") == {}

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
-from riot_bus.backchain.strength import estimate
+from riot_bus.backchain.strength import estimate, student_reach
+from riot_bus.vocabulary.errors import MissingExtraError
 
 
 def test_the_share_of_each_field_is_found_with_its_column():
@@ -38,3 +41,14 @@ def test_too_few_samples_and_constant_answers_show_no_strength():
     assert (none.strength, none.low, none.high) == (0.0, 0.0, 0.0)
     (tiny,) = estimate(few[:2, 0], {"a": few[:2]}, selected=[], asked=["a"], groups=np.arange(2))
     assert tiny.strength == 0.0
+
+
+def test_few_degrees_of_freedom_reach_far():
+    assert student_reach(1) == pytest.approx(12.706, abs=1e-3)
+    assert student_reach(10_000) == pytest.approx(1.960, abs=1e-3)
+
+
+def test_a_missing_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy.special", None)
+    with pytest.raises(MissingExtraError, match="scipy"):
+        student_reach(3)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.campaign.campaign import run_campaign
+from riot_bus.campaign.campaign import CampaignSettings, run_campaign
 from riot_bus.campaign.covering import Covering
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.store import StoredRunner, TrialStore
@@ -48,7 +48,7 @@ def schedule(seed: int = 0) -> Schedule:
 
 
 def campaign(runner: Pure, trials: int = 30):
-    return run_campaign(LOG, schedule(), runner, seed=0, trials=trials)
+    return run_campaign(LOG, schedule(), runner, CampaignSettings(seed=0, trials=trials))
 
 
 def test_brittle_fields_are_left_alone_unless_asked_for() -> None:
@@ -94,7 +94,7 @@ def test_hangs_take_no_more_than_half_of_the_time_once_they_are_known(monitor: s
         return Outcome(Verdict.FAIL if bad else Verdict.PASS, (found,) if bad else (), seconds=10.0 if bad else 1.0)
 
     covering = Covering(schedule().items(), positions_of(LOG, registry), seed=0)
-    result = run_campaign(LOG, schedule(), Pure(answer), seed=0, trials=300, covering=covering)
+    result = run_campaign(LOG, schedule(), Pure(answer), CampaignSettings(seed=0, trials=300), covering=covering)
     assert list(result.failures) == [found.signature]
     assert result.failing >= 8
     share = 10.0 * result.failing / (9.0 * result.failing + result.trials)
@@ -159,7 +159,7 @@ def test_plain_values_stand_for_a_failure_where_they_do_the_same_alone(
 
     fields = targets_of(LOG, TypeRegistry())
     schedule = Together(fields, load_dictionary(), seed=0)
-    result = run_campaign(LOG, schedule, Pure(answer), seed=0, trials=len(together))
+    result = run_campaign(LOG, schedule, Pure(answer), CampaignSettings(seed=0, trials=len(together)))
     (failure,) = result.failures.values()
     assert failure.case.injections == kept
     assert failure.modified == len(kept)
@@ -195,7 +195,7 @@ def test_growth_with_each_message_is_no_failure_of_trials_that_have_more_of_them
     pure = Pure(answer)
     faults = message_faults(LOG, TypeRegistry())
     covering = Covering(faults, positions_of(LOG, TypeRegistry()), seed=0)
-    result = run_campaign(LOG, schedule(), pure, seed=0, trials=120, covering=covering)
+    result = run_campaign(LOG, schedule(), pure, CampaignSettings(seed=0, trials=120), covering=covering)
     assert set(result.failures) == (set() if every else {grows.signature})
     assert (result.failing == 0) == every
     assert list(result.alarms) == ([grows.signature] if every else [])
@@ -220,7 +220,7 @@ def test_a_failure_that_does_not_come_again_is_no_finding() -> None:
         return failing(case)
 
     found: list[object] = []
-    result = run_campaign(LOG, schedule(), Pure(once), seed=0, trials=60, found=found.append)
+    result = run_campaign(LOG, schedule(), Pure(once), CampaignSettings(seed=0, trials=60), found=found.append)
     assert (result.failing, dict(result.failures), found) == (len(seen), {}, [])
     (failure,) = result.unconfirmed.values()
     assert failure.rate is not None
@@ -245,8 +245,7 @@ def test_findings_are_told_when_they_are_confirmed() -> None:
         LOG,
         schedule(),
         pure,
-        seed=0,
-        trials=60,
+        CampaignSettings(seed=0, trials=60),
         found=lambda failure: told.append((len(pure.executed), failure.violation.signature)),
     )
     assert len(told) == 1
@@ -330,8 +329,7 @@ def test_progress_counts_trials_and_failures() -> None:
         LOG,
         schedule(),
         Pure(lambda case: Outcome(Verdict.FAIL, (CRASH,)) if case.injections else Outcome(Verdict.PASS)),
-        seed=0,
-        trials=20,
+        CampaignSettings(seed=0, trials=20),
         progress=lambda *words: told.append(words),
     )
     rounds = [words for words in told if not words[2].endswith(", repeating a failure")]
@@ -347,11 +345,8 @@ def test_progress_is_told_while_failures_are_repeated_and_of_the_time_that_is_le
         LOG,
         schedule(),
         Pure(lambda case: failing(case) if injected(case) else Outcome(Verdict.PASS)),
-        seed=0,
-        trials=10_000,
+        CampaignSettings(seed=0, trials=10_000, covered=True, seconds=600.0),
         covering=covering,
-        covered=True,
-        seconds=600.0,
         progress=lambda *words: told.append(words),
     )
     assert any(words[2].endswith(" tried, repeating a failure") for words in told)
@@ -366,7 +361,7 @@ def test_each_thing_is_tried_before_others_are_drawn_again() -> None:
     pure, plan = Pure(lambda case: failing(case) if injected(case) else Outcome(Verdict.PASS)), schedule()
     items = plan.items()
     covering = Covering(items, positions_of(LOG, TypeRegistry()), seed=0)
-    result = run_campaign(LOG, plan, pure, seed=0, trials=200, covering=covering)
+    result = run_campaign(LOG, plan, pure, CampaignSettings(seed=0, trials=200), covering=covering)
     assert len(result.tried) == result.coverable == len(items) > 50
     tried = {(one.field, repr(one.value)) for case in pure.executed for one in case.injections}
     assert {(one.field, repr(one.value)) for item in items for one in item.injections} <= tried
@@ -377,12 +372,12 @@ def test_each_thing_is_tried_before_others_are_drawn_again() -> None:
 def test_a_campaign_may_end_when_all_was_tried() -> None:
     pure, plan = Pure(lambda case: failing(case) if injected(case) else Outcome(Verdict.PASS)), schedule()
     covering = Covering(plan.items(), positions_of(LOG, TypeRegistry()), seed=0)
-    result = run_campaign(LOG, plan, pure, seed=0, trials=10_000, covering=covering, covered=True)
+    result = run_campaign(LOG, plan, pure, CampaignSettings(seed=0, trials=10_000, covered=True), covering=covering)
     assert result.exhausted
     assert len(result.tried) == result.coverable
     assert result.trials < 200
     few = Covering(plan.items(), positions_of(LOG, TypeRegistry()), seed=0)
-    assert run_campaign(LOG, plan, pure, seed=0, trials=8, covering=few, covered=True).trials == 12
+    assert run_campaign(LOG, plan, pure, CampaignSettings(seed=0, trials=8, covered=True), covering=few).trials == 12
 
 
 def test_faults_of_whole_messages_leave_alone_what_is_left_alone() -> None:

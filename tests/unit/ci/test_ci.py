@@ -15,8 +15,9 @@ from riot_bus.events import FindingReplayed, StepStopped
 from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.report.campaign_view import CampaignView
-from riot_bus.testing.reports import HOSTILE_TEXT, campaign_with_baseline
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_testkit.reports import HOSTILE_TEXT
+from tests.report_samples import campaign_with_baseline
 from tests.unit.chain.machine import HANG, OTHER, SYSTEM, Machine, always, hangs, never_hangs
 from tests.unit.chain.repository import CHANGE, Repository
 

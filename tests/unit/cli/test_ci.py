@@ -11,8 +11,8 @@ from typer.testing import CliRunner, Result
 from riot_bus.cli.main import make_app
 from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import FindingRecord
-from riot_bus.testing.reports import campaign_at
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_testkit.reports import campaign_at
 from tests.unit.chain.machine import LOGGED, SYSTEM, write_nominal
 
 

@@ -4,7 +4,6 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Annotated, Any, Literal
 
 import pytest
@@ -13,7 +12,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from riot_bus.cli import play, record
-from riot_bus.cli.declared import declared, with_options
+from riot_bus.cli.declared import declared
 from riot_bus.config.arguments import parse_seconds, parse_size
 from riot_bus.play.options import PlayOptions
 from riot_bus.record.options import CaptureOptions
@@ -76,21 +75,6 @@ def test_values_are_those_of_the_fields() -> None:
         "count": 0, "size": 2000, "after": 60.0, "topics": ["a", "b"], "keep": False, "loop": True, "pack": "b",
         "services": ["c"],
     }  # fmt: skip
-
-
-def test_a_parameter_of_a_dataclass_is_its_options() -> None:
-    app, found = typer.Typer(rich_markup_mode=None), []
-
-    @app.command()
-    @partial(with_options, known={"form": Annotated[str, typer.Option("--as")]})
-    def command(*, first: int = 0, options: Options, form: str = "text") -> None:
-        found.append((first, options, form))
-
-    CliRunner().invoke(app, ["--room", "2k", "--services", "c", "--as", "json", "--first", "1"], catch_exceptions=False)
-    assert found == [(1, Options(size=2000, services=["c"]), "json")]
-    shown = CliRunner().invoke(app, "--help").output
-    places = [shown.index(name) for name in ("--first", "--count", "--loop", "--as")]
-    assert places == sorted(places)
 
 
 @pytest.mark.parametrize(("words", "remote"), [("--hidden 1", False), ("--count -1", False), ("--room 2k", True)])

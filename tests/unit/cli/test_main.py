@@ -15,8 +15,8 @@ from riot_bus import plugins
 from riot_bus.cli.main import COMMANDS, add_commands, make_app
 from riot_bus.findings.records import FindingRecord
 from riot_bus.log.writer import LogWriter
-from riot_bus.testing.reports import campaign_at
 from riot_bus.vocabulary.message import Message
+from riot_bus_testkit.reports import campaign_at
 
 
 @pytest.mark.parametrize("module", COMMANDS)

@@ -18,9 +18,9 @@ from riot_bus.plugins import REPORTS
 from riot_bus.report.campaign_view import load_campaign
 from riot_bus.report.finding_view import load
 from riot_bus.report.text import summary
-from riot_bus.testing.reports import campaign_at, view_at
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
+from riot_bus_testkit.reports import campaign_at, view_at
 
 PAGE = (Path(__file__).parents[3] / "docs" / "findings.md").read_text(encoding="utf-8")
 (CSV,) = re.findall(r"^```python\n(class CsvReport.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from riot_bus.draft.command_draft import CommandDraft, ProcessFacts, command_draft, locators, unknown_command
+from riot_bus.draft.command_draft import ProcessFacts, command_draft, locators, unknown_command
+from riot_bus.draft.model import CommandDraft
 
 PORT = 7447
 

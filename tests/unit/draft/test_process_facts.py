@@ -10,6 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from riot_bus.draft.model import CommandDraft
 from riot_bus.draft.process_facts import bridged_domain, facts_of, nodes_of_domain
 from riot_bus.graph.survey import Started
 from riot_bus.zenoh.session import wait_until
@@ -89,8 +90,12 @@ def launched(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 def test_nodes_of_a_launch_file(launched: subprocess.Popen[str], tmp_path: Path) -> None:
     found = nodes_of_domain(DOMAIN)
-    launch = Started(launched.pid, (sys.executable, "launch.py"), str(tmp_path))
-    chosen = {name: start.only for name, start in found.items() if start.only and start.started == launch}
+    launch = (launched.pid, (sys.executable, "launch.py"), str(tmp_path))
+    chosen = {
+        name: start.only
+        for name, start in found.items()
+        if start.only and (start.pid, start.command, start.cwd) == launch
+    }
     assert chosen == {"/robot1/planner": "/robot1/planner", "/lidar": "lidar", "/motor": "motor"}
     assert nodes_of_domain(DOMAIN + 1) == {}
 
@@ -105,7 +110,7 @@ def test_a_node_that_was_started_by_itself(tmp_path: Path) -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == "up\n"
         (start,) = nodes_of_domain(DOMAIN).values()
-    assert (start.started, start.only) == (Started(process.pid, tuple(command), str(tmp_path)), "")
+    assert start == CommandDraft(tuple(command), str(tmp_path), pid=process.pid)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from riot_bus.generalize.expressions import numeric
 from riot_bus.generalize.features import FEATURE_KINDS, Feature, features_of
-from riot_bus.generalize.margins import boundary_distance
+from riot_bus.generalize.literals import boundary_distance
 from riot_bus.generalize.numbers import between, number_bits, number_text, simplest, step
 from riot_bus.generalize.table import Candidate, concrete
 from riot_bus.vocabulary.errors import ConfigError

@@ -8,10 +8,11 @@ import pytest
 
 from riot_bus.inject.faults import DelayFault, DropFault, DuplicateFault, SetFault, fault_class, fault_of
 from riot_bus.inject.interceptor import Injector
-from riot_bus.inject.plan import parse_plan, plan_to_toml
-from riot_bus.testing.interceptors import InterceptorBench
+from riot_bus.inject.plan import parse_plan
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Formula, Injection
+from riot_bus_testkit.interceptors import InterceptorBench
+from tests.plans import plan_to_toml
 
 TAG = """
 from dataclasses import dataclass

@@ -2,9 +2,10 @@ import math
 
 import pytest
 
-from riot_bus.inject.plan import parse_plan, plan_to_toml, read_plan
+from riot_bus.inject.plan import parse_plan, read_plan
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
+from tests.plans import plan_to_toml
 
 
 @pytest.fixture

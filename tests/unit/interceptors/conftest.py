@@ -1,6 +1,6 @@
 import pytest
 
-from riot_bus.testing.interceptors import InterceptorBench
+from riot_bus_testkit.interceptors import InterceptorBench
 
 
 @pytest.fixture

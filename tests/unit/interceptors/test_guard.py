@@ -9,10 +9,10 @@ from riot_bus.generalize.rule import Rule
 from riot_bus.interceptors.catalogue import build
 from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.testing.interceptors import InterceptorConformance
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
+from riot_bus_testkit.interceptors import InterceptorConformance
 
 PRODUCT = Feature("mul", ("a:x", "a:y"))
 PAPER = Rule(((Literal(PRODUCT, "<", 0),), (Literal(PRODUCT, ">", 100),)))

@@ -14,7 +14,7 @@ import pytest
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
-from riot_bus.interceptors.catalogue import _CONDITIONS, describe, names
+from riot_bus.interceptors.catalogue import _CONDITIONS, interceptor_list
 from riot_bus.interceptors.parsing import from_tables, from_text
 
 ROOT = Path(__file__).parents[3]
@@ -74,17 +74,17 @@ def test_the_tables_of_riot_toml_mean_the_same_as_the_command():
 
 def test_all_shipped_ones_and_their_options_are_on_the_page():
     sections = dict(re.findall(r"^### `(\w+)`: (.*?)(?=^##)", PAGE, re.MULTILINE | re.DOTALL))
-    assert list(sections) == names()
-    for each in describe():
-        if each.name in names():
-            rows = re.findall(r"^\| `(\w+)` \| (\S+) \|", sections[each.name], re.MULTILINE)
-            defaults = [
-                "required" if option.required else "none" if option.default is None else option.default
-                for option in each.options
-            ]
-            assert [name for name, _ in rows] == [option.name for option in each.options]
-            assert [text.lower() for _, text in rows] == [str(default).lower() for default in defaults]
-            assert f"--interceptor '{each.name} " in sections[each.name]
+    found = {each["name"]: each["options"] for each in interceptor_list()}
+    assert list(sections) == list(found)
+    for name, options in found.items():
+        rows = re.findall(r"^\| `(\w+)` \| (\S+) \|", sections[name], re.MULTILINE)
+        defaults = [
+            "required" if option["required"] else "none" if option["default"] is None else option["default"]
+            for option in options
+        ]
+        assert [option for option, _ in rows] == [option["name"] for option in options]
+        assert [text.lower() for _, text in rows] == [str(default).lower() for default in defaults]
+        assert f"--interceptor '{name} " in sections[name]
 
 
 def test_all_conditions_are_on_the_page():

@@ -18,9 +18,9 @@ from riot_bus.pipeline.event import Change
 from riot_bus.types.model import Schema
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.types.serve import Request
-from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message, Qos
+from tests.manual_clock import ManualClock
 
 ODD = [
     Message(10, "a", b"1", sequence=1),

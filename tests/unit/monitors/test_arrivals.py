@@ -9,8 +9,8 @@ import pytest
 from riot_bus.monitors.arrivals import Rate, Ratio, Reached, Sometimes
 from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import Judgement, judge
-from riot_bus.testing.monitors import trial_view
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_testkit.monitors import trial_view
 
 SECOND = 10**9
 

@@ -13,8 +13,8 @@ from riot_bus.monitors.exchanges import Answered
 from riot_bus.monitors.forging import mute_monitors, why_cannot_fire
 from riot_bus.monitors.invariants import Finite, Gapless, Range, Values
 from riot_bus.monitors.model import Monitor, TrialView
-from riot_bus.testing.monitors import trial_view
 from riot_bus.vocabulary.trial import Violation
+from riot_bus_testkit.monitors import trial_view
 
 VIEW = trial_view(
     [("a", {"x": 1.5, "n": 1, "t": "calm"}), ("a", {"x": 1.6, "n": 2, "t": "calm"}), ("say", {})],

@@ -10,8 +10,8 @@ import pytest
 from riot_bus.monitors.forging import why_cannot_fire
 from riot_bus.monitors.log import Log, normalized
 from riot_bus.monitors.model import judge
-from riot_bus.testing.monitors import trial_view
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_testkit.monitors import trial_view
 
 ROS = "[ERROR] [1718.25] [planner]: no path to (3.2, -4)"
 

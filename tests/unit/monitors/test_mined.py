@@ -13,10 +13,10 @@ import pytest
 
 from riot_bus.monitors.mined import Mined, MinedRule, check_rules, mine
 from riot_bus.monitors.model import TrialView, judge
-from riot_bus.testing.monitors import trial_view
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
+from riot_bus_testkit.monitors import trial_view
 
 Document = dict[str, Any]
 

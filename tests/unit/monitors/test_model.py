@@ -12,8 +12,8 @@ from riot_bus.monitors.arrivals import Never, Rate, Ratio, Sometimes
 from riot_bus.monitors.exchanges import Answered
 from riot_bus.monitors.invariants import Finite, Gapless, Range, Values
 from riot_bus.monitors.model import ComponentView, Invariant, Judgement, TrialView, judge
-from riot_bus.testing.monitors import trial_view
 from riot_bus.vocabulary.trial import Violation
+from riot_bus_testkit.monitors import trial_view
 
 VIEW = trial_view([("speed", {"x": 1, "name": "a"}), ("odom", {"x": 2.0})])
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from riot_bus.monitors.selection import field_selector, message_selector, numbers, selected, why_unseen
-from riot_bus.testing.monitors import trial_view
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus_testkit.monitors import trial_view
 
 VIEW = trial_view([("a/b", {"x": 1}), ("a/c", {"x": True, "y": "t"}), ("a/b", {"x": 2.5})], inputs=[("in", {"x": 7})])
 

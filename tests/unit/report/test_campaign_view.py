@@ -9,7 +9,7 @@ import pytest
 from riot_bus.findings.known import KnownFinding
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.report.campaign_view import CampaignView, as_campaign, is_output_folder, level_of, load_campaign
-from riot_bus.testing.reports import campaign_at, view_at
+from riot_bus_testkit.reports import campaign_at, view_at
 
 ONE = "planner-crash-1f3a"
 

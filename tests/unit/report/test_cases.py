@@ -8,7 +8,7 @@ from riot_bus.findings.known import title_of
 from riot_bus.report.campaign_view import CampaignView, as_campaign
 from riot_bus.report.cases import ReportedCase, as_text, cases_of, suites_of
 from riot_bus.report.format import clean
-from riot_bus.testing.reports import campaign_at, view_at
+from riot_bus_testkit.reports import campaign_at, view_at
 
 
 @pytest.mark.parametrize("name", ["finished", "hostile"])

@@ -11,8 +11,8 @@ from riot_bus.report.github import GithubReport
 from riot_bus.report.json_form import JsonReport
 from riot_bus.report.junit import JunitReport
 from riot_bus.report.markdown import MarkdownReport
-from riot_bus.testing.reports import campaign_at, view_at
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus_testkit.reports import campaign_at, view_at
 
 
 def test_a_format_reports_findings_campaigns_or_both() -> None:

@@ -12,7 +12,7 @@ from riot_bus.report.campaign_view import CampaignView, as_campaign, load_campai
 from riot_bus.report.finding_view import load
 from riot_bus.report.github import GithubReport
 from riot_bus.report.markdown import MarkdownReport
-from riot_bus.testing.reports import CAMPAIGNS, campaign_at, view_at
+from riot_bus_testkit.reports import CAMPAIGNS, campaign_at, view_at
 from tests.unit.report.test_campaign_view import several
 
 COMMAND = re.compile(r"::(?P<name>[a-z]+) (?P<properties>[^:]*)::(?P<message>.*)")

@@ -11,7 +11,7 @@ from riot_bus.findings.known import title_of
 from riot_bus.findings.records import CampaignRecord, FindingRecord, ProportionRecord
 from riot_bus.report.campaign_view import CampaignView, as_campaign, load_campaign
 from riot_bus.report.junit import JunitReport
-from riot_bus.testing.reports import CAMPAIGNS, campaign_at, view_at
+from riot_bus_testkit.reports import CAMPAIGNS, campaign_at, view_at
 from tests.unit.report.test_campaign_view import several
 
 XUNIT2 = {

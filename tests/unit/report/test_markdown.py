@@ -13,7 +13,7 @@ from riot_bus.report.campaign_view import load_campaign
 from riot_bus.report.finding_view import load
 from riot_bus.report.format import clean
 from riot_bus.report.markdown import LONGEST, MarkdownReport, bounded, cell, code
-from riot_bus.testing.reports import campaign_at, view_at
+from riot_bus_testkit.reports import campaign_at, view_at
 from tests.unit.report.test_campaign_view import several
 
 MARKDOWN = MarkdownIt("commonmark").enable("table")

@@ -11,7 +11,7 @@ from riot_bus.findings.known import fingerprint_of
 from riot_bus.findings.records import FindingRecord
 from riot_bus.report.campaign_view import CampaignView, load_campaign
 from riot_bus.report.sarif import SarifReport
-from riot_bus.testing.reports import CAMPAIGNS, campaign_at
+from riot_bus_testkit.reports import CAMPAIGNS, campaign_at
 from tests.unit.report.test_campaign_view import several
 from tests.unit.report.test_location import Bench
 

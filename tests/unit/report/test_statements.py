@@ -21,7 +21,7 @@ from riot_bus.findings.records import (
 from riot_bus.report.finding_view import load
 from riot_bus.report.page import write_report
 from riot_bus.report.statements import Statement, not_tried, statements
-from riot_bus.testing.reports import view_at
+from riot_bus_testkit.reports import view_at
 
 
 def told(folder: Path, **changes: object) -> list[Statement]:

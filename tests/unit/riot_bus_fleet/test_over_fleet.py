@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import pytest
 
-from riot_bus.chain.base.testcases import CaseTemplate
 from riot_bus.events import StepFinished, StepProgress
 from riot_bus.log.writer import LogSettings, LogWriter
 from riot_bus.vocabulary.injection import Injection
@@ -15,6 +14,7 @@ from riot_bus.vocabulary.trial import TestCase
 from riot_bus_fleet import over_fleet
 from riot_bus_fleet.logs.entry import LogEntry
 from riot_bus_fleet.over_fleet import FleetOptions, LogAnswer, _Answers, exit_code, run_over
+from riot_bus_fleet.testcases import CaseTemplate
 from tests.unit.chain.machine import HANG, OTHER, bench, command
 
 

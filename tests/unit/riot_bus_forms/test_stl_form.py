@@ -12,9 +12,9 @@ from riot_bus.generalize.forms.tree import feature_tree
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.monitors.model import judge
-from riot_bus.testing.monitors import trial_view
 from riot_bus_forms.stl_form import OPERATIONS, NoFormulaError, stl_formula
 from riot_bus_forms.temporal import Stl
+from riot_bus_testkit.monitors import trial_view
 from tests.rule_rows import columns, feature_of, operations, takes_texts
 from tests.stl_env import need_rtamt
 

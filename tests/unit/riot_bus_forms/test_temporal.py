@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from riot_bus.monitors.catalogue import build_monitor
 from riot_bus.monitors.forging import why_cannot_fire
 from riot_bus.monitors.model import TrialView, judge
-from riot_bus.testing.monitors import trial_view
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 from riot_bus.vocabulary.message import Message
 from riot_bus_forms.temporal import Stl
+from riot_bus_testkit.monitors import trial_view
 from tests.stl_env import need_rtamt
 
 ANSWERED = "always ((speed > 0.5) implies (eventually[0:2] (ack >= 1)))"

@@ -4,9 +4,9 @@ from typing import ClassVar
 
 import pytest
 
-from riot_bus.testing.adapters import AdapterConformance
 from riot_bus.types.capabilities import ConvertsFiles, ListsTypes, SetsParameters, TakesFiles
 from riot_bus.types.model import TopicName
+from riot_bus_testkit.adapters import AdapterConformance
 
 pytest.importorskip("pymavlink")
 pytest.importorskip("fastcrc")

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.testing.types import HostileConformance, TypeConformance, same_leaf
 from riot_bus.types.bulk import gather
 from riot_bus.types.capabilities import (
     AllowsNonFinite,
@@ -22,6 +21,7 @@ from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import V1, V2, Framer, pack_frame, parse_frame, seal
 from riot_bus_mavlink.message_type import MavlinkType
 from riot_bus_mavlink.signing import Signer
+from riot_bus_testkit.types import HostileConformance, TypeConformance, same_leaf
 from tests.tiers import scaled
 from tests.unit.riot_bus_mavlink.signed_frames import sign_frame
 

@@ -1,10 +1,10 @@
 """CDR does what every message type has to do."""
 
-from riot_bus.testing.types import TypeConformance
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.definitions import parse_msg
 from riot_bus_ros2.store import TypeStore
+from riot_bus_testkit.types import TypeConformance
 
 TEXT = """bool flag
 float64 number

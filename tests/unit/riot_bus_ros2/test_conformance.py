@@ -4,7 +4,6 @@ from typing import ClassVar
 
 import pytest
 
-from riot_bus.testing.adapters import AdapterConformance
 from riot_bus.types.capabilities import (
     AnnouncesServers,
     DiscoversTypes,
@@ -17,6 +16,7 @@ from riot_bus.types.capabilities import (
     SetsParameters,
 )
 from riot_bus.types.model import TopicName
+from riot_bus_testkit.adapters import AdapterConformance
 from tests.bags import STRING_KEY
 
 pytest.importorskip("rosbags")

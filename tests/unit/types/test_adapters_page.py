@@ -7,12 +7,12 @@ from typing import ClassVar
 
 import pytest
 
-from riot_bus.testing.adapters import AdapterConformance
 from riot_bus.types import capabilities
 from riot_bus.types.capabilities import ParsesTokens
 from riot_bus.types.model import Adapter, TopicName
 from riot_bus.types.registry import TypeRegistry
 from riot_bus_bridges import bridging
+from riot_bus_testkit.adapters import AdapterConformance
 
 PAGE = (Path(__file__).parents[3] / "docs" / "adapters.md").read_text(encoding="utf-8")
 ADAPTER, TESTS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

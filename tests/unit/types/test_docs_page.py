@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.testing.types import TypeConformance
 from riot_bus.types.codecs import _DEFINITIONS, Codecs
 from riot_bus.types.model import MOST_BYTES
 from riot_bus.types.registry import TypeRegistry
-from riot_bus.types.units import unit_in
+from riot_bus_protobuf.units import unit_in
+from riot_bus_testkit.types import TypeConformance
 
 PAGE = (Path(__file__).parents[3] / "docs" / "types.md").read_text(encoding="utf-8")
 CODEC, TESTS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

@@ -4,7 +4,7 @@ import msgpack
 import pytest
 
 from riot_bus.types.model import Leaf, MessageType
-from riot_bus.types.msgpack_type import MsgpackType, is_container
+from riot_bus.types.msgpack_type import MsgpackType
 from riot_bus.vocabulary.errors import PayloadError
 
 MSGPACK = MsgpackType()
@@ -138,7 +138,7 @@ def test_hostile_bytes(payload):
 
 def test_nesting_is_bounded():
     deep = b"\x91" * 100_000 + b"\x01"
-    assert is_container(deep)
+    assert MSGPACK.is_container(deep)
     with pytest.raises(PayloadError, match="nested deeper than 64"):
         MSGPACK.leaves(deep)
 
@@ -153,7 +153,7 @@ def test_bytes_after_the_document():
     [(PACKED, True), (b"\x93\x01\x02\x03", True), (PACKED + b"\0", False), (b"\x80", False), (b"\x05", False)],
 )
 def test_is_container(payload, answer):
-    assert is_container(payload) is answer
+    assert MSGPACK.is_container(payload) is answer
 
 
 @pytest.mark.parametrize(

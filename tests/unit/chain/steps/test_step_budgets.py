@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.steps.analyze import analyze
+from riot_bus.chain.steps.analyze import analyze, budget_within
 from riot_bus.chain.steps.robustness import test_unit as run_campaign
-from riot_bus.chain.steps.step_budgets import budget_within
 from riot_bus.findings.records import CampaignRecord, RuleRecord
 from riot_bus.findings.steps import STEPS
 from tests.unit.chain.machine import Bench, bench

@@ -14,9 +14,8 @@ from typer.testing import CliRunner
 from riot_bus.chain.base.logs import FailingLog
 from riot_bus.chain.steps.rules import rules
 from riot_bus.chain.unit.contexts import ask_in_contexts
-from riot_bus.chain.unit.prediction import explained, predict
+from riot_bus.chain.unit.prediction import explained, predict, predict_log
 from riot_bus.chain.unit.questions import UnitQuestions
-from riot_bus.chain.unit.rule_on_logs import predict_log
 from riot_bus.cli.main import make_app
 from riot_bus.findings.records import (
     CertificateRecord,

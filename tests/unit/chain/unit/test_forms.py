@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.unit.forms import PYTHON, with_forms
+from riot_bus.chain.unit.forms import with_forms
 from riot_bus.findings.records import FindingRecord, RuleRecord
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_forms.rule_forms import CPP
+from riot_bus_forms.rule_forms import CPP, PYTHON
 from tests.unit.chain.machine import MODE, SPEED, bench, write_minimal, write_rule
 
 

@@ -8,9 +8,9 @@ from mcap.reader import make_reader
 from riot_bus.log.engine.ring import Ring
 from riot_bus.log.reader import LogReader, read_log
 from riot_bus.log.writer import LogSettings, LogWriter
-from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
+from tests.manual_clock import ManualClock
 
 SECOND = 10**9
 

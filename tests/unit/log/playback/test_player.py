@@ -1,9 +1,9 @@
 import pytest
 
 from riot_bus.log.playback.player import play
-from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
+from tests.manual_clock import ManualClock
 
 SECOND = 10**9
 LOG = [Message(SECOND * time, "a", b"%d" % time) for time in (5, 6, 6, 8, 7, 9)]

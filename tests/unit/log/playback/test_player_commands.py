@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from riot_bus.log.playback.pace import SteadyPace
 from riot_bus.log.playback.player import Player
-from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
+from tests.manual_clock import ManualClock
 from tests.tiers import scaled
 
 SECOND = 10**9
