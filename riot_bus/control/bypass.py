@@ -7,11 +7,12 @@ import logging
 import os
 import threading
 from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.control.reach import Bypass, Contact, Sightings, judge
 from riot_bus.graph.model import ConnectedComponent
-from riot_bus.graph.processes import SocketOwner, connections, owners
+from riot_bus.graph.processes import connections, owners
 from riot_bus.graph.sources import AdminView, admin_views
 from riot_bus.zenoh.scouting import THIS_HOST, scout
 
@@ -24,78 +25,51 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 
 
-class BypassFinder:
-    """Looks for components of different segments that reach each other around the router.
+def find_bypasses(bus: WatchedBus, answers: Mapping[str, Answer]) -> list[Bypass]:
+    """Return all ways by which components of different segments of a bus reach each other around the router.
 
-    It sees sessions in two segments; links that a component or foreign router with an enabled admin space reports about
-    itself; TCP connections between components' processes on this host; and answers to multicast scouting. It remembers
-    which process owns which link.
-
-    Args:
-        bus: The bus, open.
+    They show by sessions in two segments; links that a component or foreign router with an enabled admin space reports
+    about itself; TCP connections between components' processes on this host; and answers to multicast scouting.
     """
+    ours = {*bus.ids, *bus.ids_ever}
+    views: dict[str, AdminView] = {}
+    for session in bus.sessions.values():
+        views.update(admin_views(session))
+    components = _components(bus, ours, views)
+    known = {each.zid for each in components}
+    contacts = {
+        Contact(min(zid, other), max(zid, other), "its admin space says so")
+        for zid, view in views.items()
+        for other in view.sessions
+        if not {zid, other} & ours
+    }
+    modes = {zid: view.mode for zid, view in views.items()}
+    for view in views.values():
+        modes.update(view.sessions)
+    others = {
+        zid: ConnectedComponent("", zid, mode, views[zid].name if zid in views else "")
+        for zid, mode in modes.items()
+        if zid not in known | ours
+    }
+    return judge(Sightings(components, sorted({*contacts, *_tcp(components)}), others, answers))
 
-    def __init__(self, bus: WatchedBus) -> None:
-        self._bus = bus
-        self._owners: dict[str, SocketOwner | None] = {}
-        self._answers: Mapping[str, Answer] = {}
 
-    def look(self, scouting: Scouting | None) -> list[Bypass]:
-        """Return all ways around the router; without `scouting`, the last answers to multicast scouting count."""
-        return judge(self.sightings(scouting))
-
-    def sightings(self, scouting: Scouting | None) -> Sightings:
-        """Return what can be seen now."""
-        ours = {*self._bus.ids, *self._bus.ids_ever}
-        views: dict[str, AdminView] = {}
-        for session in self._bus.sessions.values():
-            views.update(admin_views(session))
-        components = self._components(ours, views)
-        if scouting is not None:
-            self._answers = scout(scouting)
-        known = {each.zid for each in components}
-        contacts = {
-            Contact(min(zid, other), max(zid, other), "its admin space says so")
-            for zid, view in views.items()
-            for other in view.sessions
-            if not {zid, other} & ours
-        }
-        modes = {zid: view.mode for zid, view in views.items()}
-        for view in views.values():
-            modes.update(view.sessions)
-        others = {
-            zid: ConnectedComponent("", zid, mode, views[zid].name if zid in views else "")
-            for zid, mode in modes.items()
-            if zid not in known | ours
-        }
-        return Sightings(components, sorted({*contacts, *_tcp(components)}), others, self._answers)
-
-    def _components(self, ours: Collection[str], views: Mapping[str, AdminView]) -> list[ConnectedComponent]:
-        found: dict[tuple[str, str], ConnectedComponent] = {}
-        for segment, session in self._bus.sessions.items():
-            ends: dict[str, list[str]] = {}
-            for link in session.info.links():
-                ends.setdefault(str(link.zid), []).append(link.dst)
-            for transport in session.info.transports():
-                zid = str(transport.zid)
-                if zid not in ours:
-                    name = views[zid].name if zid in views else ""
-                    addresses = tuple(sorted(ends.get(zid, ())))
-                    found[segment, zid] = ConnectedComponent(segment, zid, str(transport.whatami), name, (), addresses)
-        self._learn({address for each in found.values() for address in each.addresses})
-        return [self._owned(each) for _, each in sorted(found.items())]
-
-    def _learn(self, addresses: set[str]) -> None:
-        self._owners = {each: owner for each, owner in self._owners.items() if each in addresses}
-        new = addresses - self._owners.keys()
-        found = owners(new) if new else {}
-        self._owners.update({each: found.get(each) for each in new})
-
-    def _owned(self, one: ConnectedComponent) -> ConnectedComponent:
-        owner = next(filter(None, (self._owners.get(each) for each in one.addresses)), None)
-        if owner is None:
-            return one
-        return ConnectedComponent(one.segment, one.zid, one.mode, one.name, (), one.addresses, owner.pid, owner.command)
+def _components(bus: WatchedBus, ours: Collection[str], views: Mapping[str, AdminView]) -> list[ConnectedComponent]:
+    found = []
+    for segment, session in bus.sessions.items():
+        ends: dict[str, list[str]] = {}
+        for link in session.info.links():
+            ends.setdefault(str(link.zid), []).append(link.dst)
+        for zid, mode in sorted({(str(each.zid), str(each.whatami)) for each in session.info.transports()}):
+            if zid not in ours:
+                name, addresses = views[zid].name if zid in views else "", tuple(sorted(ends.get(zid, ())))
+                found.append(ConnectedComponent(segment, zid, mode, name, (), addresses))
+    processes = owners({address for each in found for address in each.addresses})
+    for place, each in enumerate(found):
+        owner = next((processes[address] for address in each.addresses if address in processes), None)
+        if owner is not None:
+            found[place] = replace(each, pid=owner.pid, command=owner.command)
+    return sorted(found, key=lambda each: (each.segment, each.zid))
 
 
 def _tcp(components: list[ConnectedComponent]) -> list[Contact]:
@@ -120,11 +94,9 @@ class BypassWatch:
     """Looks periodically, and calls back when a way around the router opens or closes; a context manager.
 
     Args:
-        bus: The bus, open.
         callback: Called with all present bypasses whenever they have changed; what it raises is logged.
         period: Seconds between two looks.
         scouting: Settings for asking who answers multicast scouting; None not to ask.
-        scout_every: Number of looks from one scouting to the next.
     """
 
     def __init__(
@@ -134,15 +106,10 @@ class BypassWatch:
         *,
         period: float = 5.0,
         scouting: Scouting | None = THIS_HOST,
-        scout_every: int = 6,
     ) -> None:
         self.bypasses: list[Bypass] = []
         """Bypasses found by the last look."""
-        self._finder = BypassFinder(bus)
-        self._callback = callback
-        self._period = period
-        self._scouting = scouting
-        self._scout_every = scout_every
+        self._bus, self._callback, self._period, self._scouting = bus, callback, period, scouting
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="riot-bypass", daemon=True)
 
@@ -155,9 +122,12 @@ class BypassWatch:
         self._thread.join()
 
     def _run(self) -> None:
+        answers: Mapping[str, Answer] = {}
         for number in itertools.count():
             try:
-                found = self._finder.look(self._scouting if number % self._scout_every == 0 else None)
+                if self._scouting is not None and number % 6 == 0:
+                    answers = scout(self._scouting)
+                found = find_bypasses(self._bus, answers)
                 if found != self.bypasses:
                     self.bypasses = found
                     self._callback(found)

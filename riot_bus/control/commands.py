@@ -14,7 +14,8 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-_VERSION = 1  # of the answers' format
+VERSION = 1
+"""Version of the answers' format."""
 
 LARGEST_PAYLOAD = 1 << 20  # any client of a segment may send more; a plan, the largest payload, is a text file
 _LARGEST_ARGUMENTS = 1 << 16  # they are a path or a list of keys; parsed JSON takes several times its size
@@ -122,28 +123,20 @@ def answer(
 ) -> bytes:
     """Carry out a command and return the answer as JSON.
 
-    Args:
-        service: The router, recorder, player or agent.
-        router: Name of the service.
-        name: Name of the command.
-        payload: Payload of the question.
-        parameters: Parameters of the question.
-        commands: All known commands by name.
-
     Raises:
         RiotError: The command cannot be carried out.
     """
     if name not in commands:
         raise ConfigError(f"no command {name[:80]!r}", hint=did_you_mean(name[:80], commands))
     result = commands[name].run(service, CommandRequest(payload, parameters))
-    document = {"version": _VERSION, "router": router, "command": name, "result": result}
+    document = {"version": VERSION, "router": router, "command": name, "result": result}
     return json.dumps(document, sort_keys=True).encode()
 
 
 def refusal(router: str, error: Exception) -> bytes:
     """Return why a command was not carried out, as JSON: message, where, hint and exit code."""
     document = {
-        "version": _VERSION,
+        "version": VERSION,
         "router": router,
         "message": getattr(error, "message", None) or f"failure of ours: {error!r}",
         "where": getattr(error, "where", None),

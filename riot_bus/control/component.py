@@ -25,11 +25,6 @@ if TYPE_CHECKING:
 def client_cfg(texts: Sequence[str], *, cwd: Path | None = None, where: str = "--cfg") -> dict[str, Any]:
     """Parse `KEY=VALUE`, settings of a client's Zenoh configuration.
 
-    Args:
-        texts: Settings as written; a value is JSON5, or text where Zenoh takes it as such, or `@FILE`.
-        cwd: Folder from which relative paths start, by default the working folder.
-        where: The option, for errors.
-
     Raises:
         ConfigError: A text is not of this form, Zenoh refuses it, or a file is missing or readable by others.
     """
@@ -53,13 +48,6 @@ def segment_access(
 ) -> tuple[list[str], dict[str, Any], list[str]]:
     """Return where a component connects to a segment, its Zenoh configuration, and hints for what is still missing.
 
-    Args:
-        segment: Name of the segment.
-        options: The router's options, of which `system` and `segments` say what segments there are.
-        config: Settings of the component, which take precedence.
-        flavour: Kind of program whose protocols count.
-        host: The router's machine, for components elsewhere.
-
     Raises:
         ConfigError: There is no such segment, or it cannot be reached.
     """
@@ -81,14 +69,6 @@ def component_environment(
     """Return lines for a shell by which a component uses a segment, and hints for what is still missing.
 
     For `zenoh` the configuration file is written, readable by its owner alone, since it may hold a password.
-
-    Args:
-        segment: Name of the segment.
-        flavour: Kind of program that reads the variables.
-        options: The router's options.
-        host: The router's machine, for components elsewhere.
-        cfg: `KEY=VALUE`, settings of the component.
-        file: File to write for `zenoh`; None for `zenoh-SEGMENT.json5`.
 
     Raises:
         ConfigError: There is no such segment, or it cannot be reached.

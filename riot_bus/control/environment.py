@@ -30,11 +30,6 @@ _LOOPBACK = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}  # noqa: S104 - compared, no
 def reachable(listen: Sequence[str], *, flavour: Flavour = "zenoh", host: str | None = None) -> list[str]:
     """Return where components connect, for the endpoints that a segment listens on.
 
-    Args:
-        listen: Endpoints of the segment.
-        flavour: Kind of program whose protocols count.
-        host: Name or address of the router's machine, for components elsewhere.
-
     Raises:
         ConfigError: None of them can be reached, or its port is known only to the running router.
     """
@@ -69,10 +64,6 @@ def client_settings(endpoints: Sequence[str], config: Mapping[str, Any] | None =
 
     It is a client, since only then does everything pass the router, and does without multicast scouting, by which
     components on one machine find each other around every router.
-
-    Args:
-        endpoints: Endpoints to which it connects.
-        config: Further keys, such as certificates; they take precedence.
     """
     return {
         "mode": "client",
@@ -83,12 +74,7 @@ def client_settings(endpoints: Sequence[str], config: Mapping[str, Any] | None =
 
 
 def missing_for_clients(segment: SegmentSettings, config: Mapping[str, Any]) -> tuple[SessionConfig, list[str]]:
-    """Return what a component needs beyond an endpoint: settings known from the segment, and hints for the others.
-
-    Args:
-        segment: The segment.
-        config: Settings that the user gives.
-    """
+    """Return what a component needs beyond an endpoint: settings known from the segment, and hints for the others."""
     known, hints = dict(config), []
     if any(endpoint.protocol in ENCRYPTED for endpoint in segment.listeners):
         authority = f"{TLS}/root_ca_certificate"
@@ -135,10 +121,6 @@ def session_file(settings: SessionConfig) -> str:
 
 def write_session_file(path: Path, settings: SessionConfig) -> None:
     """Write settings as a file for `ZENOH_CONFIG` that only this user can read, and that is never half written.
-
-    Args:
-        path: Path of the file.
-        settings: Settings, which may hold a password.
 
     Raises:
         ConfigError: The file cannot be written.

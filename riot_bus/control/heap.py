@@ -9,9 +9,7 @@ from functools import cache
 from typing import Any
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # as mallopt numbers them
-_BYTES = 1 << 17  # what glibc begins with
-_LARGEST_KEPT, _MOST_KEPT = 1 << 25, 1 << 28  # glibc accepts no mmap threshold above 32 MiB; keeps eight such blocks
-_YOUNG = 50_000  # 70 times the 700 of Python 3.11; garbage in cycles waits as much longer
+_LARGEST_KEPT = 1 << 25  # glibc accepts no mmap threshold above 32 MiB
 _OWN_WISHES = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNABLES")
 
 
@@ -23,7 +21,7 @@ def steady_heap() -> None:
 
     Settings in glibc's own environment variables are kept.
     """
-    _set_thresholds(_BYTES, _BYTES)
+    _set_thresholds(1 << 17, 1 << 17)  # what glibc begins with
 
 
 def roomy_heap() -> None:
@@ -31,7 +29,7 @@ def roomy_heap() -> None:
 
     For a process that handles one large payload after the other, and little else.
     """
-    _set_thresholds(_LARGEST_KEPT, _MOST_KEPT)
+    _set_thresholds(_LARGEST_KEPT, _LARGEST_KEPT * 8)
 
 
 def calm_collector() -> None:
@@ -42,7 +40,8 @@ def calm_collector() -> None:
     """
     gc.enable()  # the command line loads without it
     gc.freeze()
-    gc.set_threshold(_YOUNG, *gc.get_threshold()[1:])
+    # 70 times the 700 of Python 3.11; garbage in cycles waits as much longer
+    gc.set_threshold(50_000, *gc.get_threshold()[1:])
 
 
 def trim_heap() -> None:

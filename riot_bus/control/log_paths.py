@@ -18,11 +18,6 @@ _LONGEST_NAME = 240  # leaves 15 of the 255 bytes of NAME_MAX for numbers and ex
 def claim(folder: Path, text: str | None, stem: str) -> Path:
     """Create an empty file for a recording.
 
-    Args:
-        folder: Folder in which files may be.
-        text: Path as requested; None for one that is free.
-        stem: Stem of the free path, with a number appended if necessary.
-
     Raises:
         ConfigError: The path is refused, or the file exists already.
     """

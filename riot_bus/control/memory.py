@@ -11,12 +11,6 @@ from riot_bus.control.signals import force_end_after
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 _VARIABLE = "RIOT_MEMORY_LIMIT"
-_SHARE = 0.75
-"""Share of the memory of the machine or control group: the rest is for the kernel's buffers and an orderly end."""
-
-_END_S = 5.0
-"""How long the end may take then: Zenoh may still be growing, and not answer."""
-
 _STATM = Path("/proc/self/statm")
 _GROUP = Path("/sys/fs/cgroup/memory.max")
 _PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -36,7 +30,8 @@ def memory_limit() -> int:
         group = _GROUP.read_text(encoding="ascii").strip()
     except OSError:  # no control groups, or those of version 1
         group = "max"
-    return int(_SHARE * (min(present, int(group)) if group.isdecimal() else present))
+    # the rest is for the kernel's buffers and an orderly end
+    return (min(present, int(group)) if group.isdecimal() else present) * 3 // 4
 
 
 def resident_bytes() -> int:
@@ -50,15 +45,12 @@ def resident_bytes() -> int:
 def check_memory(limit: int) -> None:
     """Raise if this process uses more than it may; then its end is forced if it takes too long.
 
-    Args:
-        limit: Maximum memory in bytes.
-
     Raises:
         EnvironmentFaultError: It uses more.
     """
     used = resident_bytes()
     if used > limit:
-        force_end_after(_END_S)
+        force_end_after(5.0)  # Zenoh may still be growing, and not answer
         error = EnvironmentFaultError(
             f"this process uses {used >> 20} MiB of memory, more than {limit >> 20} MiB",
             hint="a client may have subscribed to a key with many wildcards, which costs Zenoh memory "

@@ -28,8 +28,6 @@ class Bypass:
         kind: "multicast": sessions find each other by multicast scouting, or could at any moment; "direct": a direct
             link; "router": a router between segments; "two segments": one session that is connected to two segments.
         components: Sessions that are involved, a foreign router included; sorted.
-        evidence: Text on what was seen of it.
-        cure: Text on how to close it.
         active: Whether it was seen in use; False if it is merely open.
     """
 

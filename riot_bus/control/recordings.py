@@ -22,15 +22,12 @@ if TYPE_CHECKING:
     from riot_bus.router.bus import Bus
     from riot_bus.types.registry import TypeRegistry
 
-_OBSERVED_S = 2.0  # 20 times the usual 100 ms; a recording then begins all the same
-
 
 class Recordings:
     """The present recording of a bus; thread-safe, except that there must be only one `start` or `settle` at a time.
 
     Attributes:
         path: Path of the present file; None if there is none.
-        graph_notes: Notes of the graph in the recording.
     """
 
     def __init__(
@@ -127,10 +124,7 @@ class Recordings:
             self._recorder.close()
 
     def watch(self) -> None:
-        """Start to track publishers' announcements (liveliness tokens) in all segments; wait for none.
-
-        What they tell of a topic, such as its QoS, becomes metadata of the topic's channel in the log.
-        """
+        """Start to track publishers' announcements (liveliness tokens) in all segments; wait for none."""
         for session in self._bus().sessions.values():
             self._announcements.watch(session, wait=False)
 
@@ -194,6 +188,7 @@ class Recordings:
             each.declare_publisher(key, allowed_destination=library_of(each).Locality.REMOTE)
             for each in sessions.values()
         ]
-        wait_until(lambda: all(each.matching_status.matching for each in publishers), _OBSERVED_S)
+        # Two seconds are 20 times the usual 100 ms; a recording then begins all the same.
+        wait_until(lambda: all(each.matching_status.matching for each in publishers), 2.0)
         for each in publishers:
             each.undeclare()

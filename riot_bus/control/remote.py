@@ -9,6 +9,7 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal
 
+from riot_bus.control.commands import VERSION
 from riot_bus.vocabulary.errors import ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError, RiotError
 from riot_bus.vocabulary.redaction import escape_control_chars
 from riot_bus.zenoh.client import open_client
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.client import Client
 
 _TIMEOUT_S = 30.0  # a guess: a router on a loaded machine answers in tenths of a second
-_FIND_S = 3.0  # one process that hangs delays the list by as much
 _TRIES = 8
 """How often to ask: a question that ends at once without an answer was not carried out, since its queue was full or it
 is not allowed. In a flood of twice what a loaded machine can answer, every second question is lost."""
@@ -31,7 +31,6 @@ _LATE_S = 0.5
 """How long to wait, after an answer, for a second one, which there should not be."""
 
 _ERRORS = {each.exit_code: each for each in (ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError)}
-_VERSION = 1
 _STATUS = {"router": "status", "player": "play/status", "recorder": "record/status", "agent": "agent/status"}
 _NO_ANSWER = {
     "router": "is it riot's, and may this segment control it (control)?",
@@ -51,9 +50,7 @@ class Remote:
     """A connection to a router, for several questions; a context manager.
 
     Args:
-        endpoint: Endpoint on which one of its segments listens.
         name: The router's name; None if it is the only one.
-        config: Further Zenoh configuration, such as certificates.
         kind: Kind of process to ask, if not a router.
 
     Raises:
@@ -71,7 +68,7 @@ class Remote:
         self._endpoint = endpoint
         self._name = name
         self._kind = kind
-        self._client = open_client(endpoint, config={"id": control_id(), **(config or {})})
+        self.client: Client = open_client(endpoint, config={"id": control_id(), **(config or {})})
 
     def __enter__(self) -> Remote:
         return self
@@ -80,12 +77,7 @@ class Remote:
         from riot_bus.zenoh import api as zenoh
 
         with suppress(zenoh.ZError):  # the link may hang
-            self._client.close()
-
-    @property
-    def client(self) -> Client:
-        """The connection, for uses other than questions."""
-        return self._client
+            self.client.close()
 
     def find(self) -> list[str]:
         """Return the names of all routers (or processes of the kind asked) that answer here."""
@@ -93,7 +85,8 @@ class Remote:
         from riot_bus.zenoh import api as zenoh
 
         everyone = f"{OWN_CHUNK}/*/{_STATUS[self._kind]}"
-        for reply in self._client.session.get(everyone, timeout=_FIND_S, target=zenoh.QueryTarget.ALL):
+        # One process that hangs delays the list by the timeout.
+        for reply in self.client.session.get(everyone, timeout=3.0, target=zenoh.QueryTarget.ALL):
             if reply.ok is not None:
                 names.add(str(reply.ok.key_expr).split("/")[1])
         return sorted(names)
@@ -143,10 +136,7 @@ class Remote:
         raise self._no_answer(name, found)
 
     def _answers(self, selector: str, payload: bytes | None, timeout: float) -> list[tuple[bool, bytes]]:
-        """Ask; return the answers that come until all have answered, or some time after the first answer.
-
-        A process that never answers, since the question is not for it, causes no long delay.
-        """
+        """Ask; return the answers that come until all have answered, or some time after the first answer."""
         from riot_bus.zenoh import api as zenoh
 
         found: list[tuple[bool, bytes]] = []
@@ -164,7 +154,7 @@ class Remote:
             came.set()
 
         try:
-            self._client.session.get(
+            self.client.session.get(
                 selector,
                 zenoh.handlers.Callback(take, end),
                 payload=payload,
@@ -222,14 +212,8 @@ def plan_payload(file: Path) -> tuple[bytes, str]:
         raise ConfigError(f"cannot read the injection plan: {error.strerror}", where=str(file)) from error
 
 
-def graphs(remote: Remote, *, watch: bool = False, period: float = 1.0) -> Iterator[Graph]:
-    """Yield the present graph; then, if asked to watch, each one that is different.
-
-    Args:
-        remote: Connection to the router.
-        watch: Whether to continue forever.
-        period: Seconds between two questions.
-    """
+def graphs(remote: Remote, *, watch: bool = False) -> Iterator[Graph]:
+    """Yield the present graph; then, if asked to watch, each one that is different, for ever; one look a second."""
     from riot_bus.graph.history import graph_from
 
     former = None
@@ -240,14 +224,14 @@ def graphs(remote: Remote, *, watch: bool = False, period: float = 1.0) -> Itera
             former = graph
         if not watch:
             return
-        time.sleep(period)
+        time.sleep(1.0)
 
 
 def _result(data: bytes) -> dict[str, Any]:
     document = document_of(data)
     result = document.get("result")
-    if document.get("version") != _VERSION or not isinstance(result, dict):
-        text = f"the router answers in version {document.get('version')!r} of the format, not {_VERSION}"
+    if document.get("version") != VERSION or not isinstance(result, dict):
+        text = f"the router answers in version {document.get('version')!r} of the format, not {VERSION}"
         raise EnvironmentFaultError(text, hint="use the same version of riot_bus on both sides")
     return result
 

@@ -122,10 +122,6 @@ def load_router(path: Path) -> RouterSettings:
 def parse_endpoints(texts: Sequence[str], *, where: str) -> dict[str, tuple[str, ...]]:
     """Parse `NAME=ENDPOINT[,ENDPOINT...]`; a segment that is named twice has all its endpoints.
 
-    Args:
-        texts: The options as the user wrote them.
-        where: The option, for errors.
-
     Raises:
         ConfigError: A text is not of this form; whether the endpoints can work is checked later.
     """
@@ -143,10 +139,6 @@ def parse_endpoints(texts: Sequence[str], *, where: str) -> dict[str, tuple[str,
 def parse_cfg(text: str, where: str = "--cfg") -> tuple[str, str, str]:
     """Parse `SEGMENT:KEY=VALUE` into segment, key and the text of the value.
 
-    Args:
-        text: The option as the user wrote it.
-        where: The option, for errors.
-
     Raises:
         ConfigError: It is not of this form.
     """
@@ -160,13 +152,6 @@ def parse_cfg(text: str, where: str = "--cfg") -> tuple[str, str, str]:
 
 def merged(settings: RouterSettings, options: RouterOptions, *, cwd: Path | None = None) -> RouterSettings:
     """Return what the router is to do, with at least one segment.
-
-    `--segment` and `--connect` replace the endpoints that riot.toml gives this segment, `--cfg` one key.
-
-    Args:
-        settings: As `load_router` returns them, or `RouterSettings()`.
-        options: The command line.
-        cwd: Folder from which relative paths in options start, by default the working folder.
 
     Raises:
         ConfigError: An option is wrong or names an unknown segment, segments conflict, or a certificate is missing.

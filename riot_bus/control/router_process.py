@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from riot_bus.control.terminal import Foreground
     from riot_bus.router.counts import Losses
 
-_TRIM_S = 20.0  # a guess: walks all heaps of the C library, and what is freed comes back slowly anyway
 _HELD_UP_S = 60.0
 """A router whose interpreter is blocked this long forwards nothing intercepted, and handles no signal: it ends."""
 
@@ -50,7 +49,7 @@ class Upkeep:
         """
         check_memory(self._memory)
         self._schedule()
-        if time.monotonic() - self._trimmed > _TRIM_S:
+        if time.monotonic() - self._trimmed > 20.0:  # a guess: it walks all heaps of the C library
             trim_heap()
             self._trimmed = time.monotonic()
             force_end_after(_HELD_UP_S)
@@ -58,10 +57,6 @@ class Upkeep:
 
 def run_router(options: RouterOptions, foreground: Foreground) -> None:
     """Run until SIGINT, SIGTERM or `shutdown`, then print counts.
-
-    Args:
-        options: The command line of `riot router`.
-        foreground: Frame that prints the result.
 
     Raises:
         ConfigError: An option is wrong.
@@ -133,10 +128,6 @@ def _report_ready(service: RouterService, foreground: Foreground) -> None:
 
 def report_end(service: RouterService, foreground: Foreground) -> None:
     """Report what happened to each topic.
-
-    Args:
-        service: The router, which has ended.
-        foreground: Frame that prints the result.
 
     Raises:
         DataLossError: Messages were lost.

@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.scouting import Scouting
 
 _LOG = logging.getLogger(__name__)
-_END_S = 10.0  # for a change that is in progress when the router ends: as long as a bus may take to open
-_SOON_S = 0.2  # for a change that usually takes 0.1 s, since the answer tells its outcome; an answer may take 0.5 s
 
 
 class RouterService:
@@ -49,7 +47,6 @@ class RouterService:
         settings: Settings as `router_options.merged` returns them, with at least one segment.
         interceptors: Interceptors, carried out in this order.
         plan: Injections, carried out last.
-        registry: The registry of topics and types.
         seed: Seed of plans that are loaded; it is also written into recordings.
         folder: Folder for recordings requested over the network; by default that of `settings.record`, else the working
             folder.
@@ -139,7 +136,7 @@ class RouterService:
         return self
 
     def __exit__(self, *error: object) -> None:
-        ended = self._changing.acquire(timeout=_END_S)
+        ended = self._changing.acquire(timeout=10.0)  # a change in progress: as long as a bus may take to open
         self._closed = True
         if ended:
             self._changing.release()
@@ -165,9 +162,6 @@ class RouterService:
 
         Natively routed messages are interrupted for about 100 ms; no intercepted ones are lost.
 
-        Args:
-            keys: Key expressions or names.
-
         Returns:
             The key expressions that are intercepted now.
 
@@ -184,10 +178,6 @@ class RouterService:
 
     def plan_load(self, text: str, name: str) -> dict[str, Any]:
         """Carry out an injection plan from now on instead of the present one, and intercept its topics.
-
-        Args:
-            text: The plan as TOML text.
-            name: Name of the plan, such as that of its file.
 
         Raises:
             ConfigError: It is not a plan; then nothing has changed.
@@ -217,7 +207,8 @@ class RouterService:
             cleared.set()
         self.bus.forget()
         if former is not None:
-            self._soon(self._forget_cleared).join(_SOON_S)
+            # Usually it takes 0.1 s, and the answer tells its outcome; an answer may take 0.5 s.
+            self._soon(self._forget_cleared).join(0.2)
         return {"intercepted": self._interception.intercepted, "plan": None, "former": status.plan_row(former)}
 
     def _forget_cleared(self) -> None:

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _BUSY, _CALM = 0.6, 0.4  # shares of one processor; the gap prevents switching to and fro at a steady load
-_SHORTEST_S = 0.1  # a shorter time would show single bursts; calls come about every 0.2 s
 _AGAIN_S = 5.0  # reads a file in /proc for each thread, up to 128 of them receive threads per segment
 _TASKS = Path("/proc/self/task")
 _ZENOH = (b"rx-", b"tx-")
@@ -27,9 +26,6 @@ class LoadScheduling:
 
     The price: while all processors are busy, a single message may wait 2 ms longer. So this is for times in which many
     messages come at once. A process that was started with a policy of its own keeps it.
-
-    Args:
-        used: Function that returns the processor seconds that the process has used.
     """
 
     def __init__(self, used: Callable[[], float] = time.process_time) -> None:
@@ -44,7 +40,7 @@ class LoadScheduling:
         """Look how busy the process was since the last call, and act if that has changed."""
         now, used = time.monotonic(), self._used()
         passed = now - self._last[0]
-        if passed < _SHORTEST_S:
+        if passed < 0.1:  # it would show single bursts; calls come about every 0.2 s
             return
         share = (used - self._last[1]) / passed
         self._last = now, used

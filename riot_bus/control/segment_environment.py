@@ -89,11 +89,6 @@ def segment_variables(
     ROS 2 nodes get rmw_zenoh's override, which keeps earlier overrides of other keys, or their domain behind a bridge;
     programs that call `Config::from_env` get `ZENOH_CONFIG`, and `riot` itself `RIOT_ENDPOINT`.
 
-    Args:
-        name: Name of the segment.
-        environ: The environment, with the variables of `export`.
-        config: Further keys of a ROS 2 node's Zenoh configuration.
-
     Raises:
         ConfigError: No router has exported such a segment, or a variable is not usable.
     """
@@ -119,11 +114,6 @@ def write_session_files(
     endpoints: Mapping[str, Sequence[str]], folder: Path, *, config: Mapping[str, Any] | None = None
 ) -> None:
     """Write the file of each segment for `ZENOH_CONFIG`, readable by this user alone.
-
-    Args:
-        endpoints: Endpoints to which the components of each segment connect.
-        folder: Target folder; only this user should be able to write there.
-        config: Further keys of a component's Zenoh configuration.
 
     Raises:
         ConfigError: A file cannot be written.

@@ -77,10 +77,6 @@ def environment_in(
 def become(command: Sequence[str], environ: Mapping[str, str]) -> NoReturn:
     """Replace this process by a command, so that signals and exit status are the command's own.
 
-    Args:
-        command: Program and arguments.
-        environ: Its environment.
-
     Raises:
         EnvironmentFaultError: It cannot be executed.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import threading
 import time
@@ -25,11 +26,6 @@ _MOST_QUEUED = 64  # a guess: commands of people; in a flood, the oldest queries
 _MOST_URGENT = 1024
 """Queue length of an urgent command: at 5,000 queries per second, the thread may stall for 0.2 s and lose none."""
 
-_ASK_S = 1.0  # for the names of others; delays a start by as much if one of them does not answer
-_MOST_NAMES = 100  # a guess: so many of one name in a network are a mistake
-
-_END_S = 10.0  # for all lanes: an asker who does not read blocks one until Zenoh closes the link, after 5 s
-
 
 class Control:
     """Query service for control commands in some segments; a context manager.
@@ -43,9 +39,6 @@ class Control:
 
     Args:
         service: The router (or other object the commands act on), open; urgent commands may run beside others.
-        name: Name of the service in the control keys.
-        sessions: The sessions of the segments in which it answers.
-        commands: The commands that it offers, by name.
         under: The keys below its name that it answers for; others may belong to another service.
     """
 
@@ -77,7 +70,7 @@ class Control:
 
     def __exit__(self, *error: object) -> None:
         release(*self._queryables)
-        end = time.monotonic() + _END_S
+        end = time.monotonic() + 10.0  # an asker who does not read blocks a lane until Zenoh closes the link, after 5 s
         for each in self._threads:
             each.join(max(0.0, end - time.monotonic()))
 
@@ -177,10 +170,10 @@ def free_name(session: zenoh.Session, name: str, group: str) -> str:
         name: The preferred name.
         group: First part of the service's commands, such as `play` for `play/status`.
     """
-    replies = session.get(f"{OWN_CHUNK}/*/{group}/status", timeout=_ASK_S)
+    replies = session.get(f"{OWN_CHUNK}/*/{group}/status", timeout=1.0)  # one that does not answer delays a start
     taken = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
-    names = (name, *(f"{name}-{number}" for number in range(2, _MOST_NAMES)))
-    return next((each for each in names if each not in taken), name)
+    numbered = (f"{name}-{number}" for number in itertools.count(2))
+    return next(each for each in itertools.chain([name], numbered) if each not in taken)
 
 
 def _pairs(text: str) -> list[tuple[str, str]]:

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 END_S = 30.0
 """Time allowed for an orderly end: routers end within a second, recorders still write their queue to disk."""
 
-_STDERR = 2
-
 
 def force_end_after(seconds: float) -> None:
     """End this process after some seconds, whatever its threads are doing, and print their tracebacks to stderr.
@@ -24,7 +22,7 @@ def force_end_after(seconds: float) -> None:
     This needs no Python code to run: a thread that never releases the interpreter, or never ends, cannot prevent it. A
     later call replaces an earlier one.
     """
-    faulthandler.dump_traceback_later(seconds, exit=True, file=_STDERR)
+    faulthandler.dump_traceback_later(seconds, exit=True, file=2)  # stderr, whatever `sys.stderr` is
 
 
 def let_run() -> None:

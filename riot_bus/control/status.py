@@ -98,12 +98,7 @@ def plan_row(plan: InjectionPlan | None) -> dict[str, Any] | None:
 
 
 def count_rows(counts: Mapping[str, TopicCounts], *, most: int = MOST_TOPICS) -> dict[str, dict[str, Any]]:
-    """Return counts by topic, and whether they balance: received + added == forwarded + dropped + lost + held.
-
-    Args:
-        counts: As `Bus.counts` returns them.
-        most: Number of topics that are listed one by one.
-    """
+    """Return counts by topic, and whether they balance: received + added == forwarded + dropped + lost + held."""
     busiest = sorted(counts, key=lambda topic: counts[topic].received + counts[topic].recorded, reverse=True)
     shown = {topic: counts[topic] for topic in sorted(busiest[:most])}
     if busiest[most:]:

@@ -32,8 +32,6 @@ class Foreground:
     """The frame of a run in the foreground: its results, its diagnostics, and the wait for its end.
 
     Args:
-        say: Function that prints a line of the result.
-        warn: Function that prints a line of diagnostics.
         console: Terminal that shows progress and takes keys; None if there is no terminal.
         as_json: Whether results are printed as lines of JSON.
     """
@@ -50,13 +48,7 @@ class Foreground:
         self._shown: Console | None = None
 
     def report(self, event: str, document: Mapping[str, Any], lines: Iterable[str]) -> None:
-        """Print a result.
-
-        Args:
-            event: Name of the event, such as `ended`, for JSON.
-            document: The result as JSON values.
-            lines: The result as lines of text.
-        """
+        """Print a result."""
         if self._as_json:
             lines = [json.dumps({"event": event, **document}, sort_keys=True)]
         for line in lines:

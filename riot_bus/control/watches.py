@@ -27,8 +27,6 @@ class Watches:
     """The graph and the bypass alarm of a bus; a context manager.
 
     Args:
-        bus: The bus, open.
-        registry: Type registry that names keys and interprets what components announce.
         changed: Called with each new graph.
         alarm: Called with all current ways around the router whenever they change; None to not look for them.
         scouting: Settings for asking who answers multicast scouting; None not to ask.

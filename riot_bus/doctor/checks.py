@@ -50,7 +50,6 @@ class Check:
     Attributes:
         name: Subject of the check, such as `open files`.
         status: Whether it is all right.
-        text: Observation in a few words.
         cure: Advice; empty if it is all right.
     """
 
@@ -65,7 +64,6 @@ class Facts:
     """Observations on this host.
 
     Attributes:
-        python: Version of the interpreter.
         versions: Installed versions of required packages; None for those that are missing.
         runtime: The bus's assessment of `ZENOH_RUNTIME`.
         ports: State of each endpoint to listen on.

@@ -76,11 +76,7 @@ def runtime() -> Runtime:
 
 
 def port(endpoint: str) -> PortState:
-    """Return whether a process could listen on an endpoint now.
-
-    A TCP endpoint (`tcp`, `tls` or `ws` with host and port) is tried by listening there for a moment; the state of any
-    other is `other`, without a try.
-    """
+    """Return whether a process could listen on an endpoint now."""
     address = endpoint_of(endpoint)
     if address is None:
         return PortState(endpoint, "other")

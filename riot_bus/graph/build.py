@@ -142,10 +142,7 @@ class _Builder:
         self.unknown += [Unknown(z, s, text) for s, z in self.seen.sessions if z not in speaking]
 
     def components(self) -> list[ConnectedComponent]:
-        """Return the programs: connected sessions, links of bridges, and sessions that announce themselves elsewhere.
-
-        The last are connected to no segment that is known, which becomes an entry in `unknown`.
-        """
+        """Return the programs: connected sessions, links of bridges, and sessions that only announce themselves."""
         nodes: defaultdict[str, set[str]] = defaultdict(set)
         for token in self.seen.tokens:
             nodes[token.zid].update(filter(None, [token.node]))

@@ -69,10 +69,7 @@ def _joined(key: str, role: Role, parts: list[Edge]) -> Edge:
 
 
 def names(topics: Iterable[Topic]) -> dict[str, str]:
-    """Return a unique name for each key: its name, followed by the key if several keys have the same name.
-
-    Such keys do not match each other: they differ in ROS domain, type or type hash.
-    """
+    """Return a unique name for each key: its name, followed by the key if several keys have the same name."""
     all_topics = list(topics)
     count = Counter(topic.name for topic in all_topics)
     return {topic.key: topic.name if count[topic.name] == 1 else f"{topic.name} ({topic.key})" for topic in all_topics}

@@ -17,13 +17,7 @@ _PARTS: dict[str, type[Any]] = {"components": ConnectedComponent, "topics": Topi
 
 
 def record(before: Graph | None, after: Graph, *, time: int) -> dict[str, str]:
-    """Return the changes of a graph, as the mapping of a metadata record.
-
-    Args:
-        before: Graph that the log has already; None for a log that begins here.
-        after: Graph that the record leads to.
-        time: Time in nanoseconds since the Unix epoch.
-    """
+    """Return the changes of a graph, as the mapping of a metadata record."""
     parts = {
         "gone": {} if before is None else _missing(before, after),
         "new": _missing(after, before or Graph()),
@@ -34,9 +28,6 @@ def record(before: Graph | None, after: Graph, *, time: int) -> dict[str, str]:
 
 def replay(records: Iterable[Mapping[str, str]]) -> Iterator[tuple[int, Graph]]:
     """Yield each graph and its time from the records of a log.
-
-    Args:
-        records: Records as `LogReader.notes` yields them.
 
     Raises:
         ValueError: A record is damaged.

@@ -28,7 +28,6 @@ class ConnectedComponent:
         nodes: Its ROS nodes; for a link, the systems that were heard there.
         addresses: Its ends of the links to the segment.
         pid: Process id, if it runs on this host and we may see it.
-        command: The process's command.
     """
 
     segment: str
@@ -51,8 +50,6 @@ class Topic:
     """A topic, service or subscribed key expression.
 
     Attributes:
-        key: Key or key expression.
-        name: Name for people.
         type_name: Message type, if an announcement states it.
         intercepted: Whether its messages, or its requests and replies, go through the pipeline.
         action: Name of the action that it belongs to.
@@ -72,8 +69,6 @@ class Edge:
     """A component publishes on, subscribes to, serves or calls a topic.
 
     Attributes:
-        topic: Key of the topic.
-        role: Role of the component on the key.
         segment: Name of the segment; empty if not known.
         zid: Id of the component; empty if not known.
         node: Its ROS node, if announced, or the system behind the link.
@@ -106,7 +101,6 @@ class Unknown:
     Attributes:
         about: A topic's key, a component's id, or empty.
         segment: Name of the segment; empty if it holds for the whole bus.
-        text: Description of what is not known, and why.
     """
 
     about: str
@@ -157,11 +151,7 @@ class Graph:
         return next(found, None)
 
     def changes_since(self, other: Graph) -> tuple[GraphChange, ...]:
-        """Return the differences from an earlier graph, sorted; message counts and rates are ignored.
-
-        Args:
-            other: The earlier graph.
-        """
+        """Return the differences from an earlier graph, sorted; message counts and rates are ignored."""
         changes = []
         for what, before, after in zip(_SUBJECTS, other._by_subject(), self._by_subject(), strict=True):
             changes += [GraphChange(what, "appeared", subject) for subject in after.keys() - before.keys()]

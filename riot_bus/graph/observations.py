@@ -18,12 +18,10 @@ class Observations:
     """Reports of the sources at one moment.
 
     Attributes:
-        segments: Names of all segments.
         sessions: Mode of each connected session by segment and id, without the bus's own.
         addresses: These sessions' ends of the links, by segment and id.
         owners: Processes by address.
         names: Names by session id.
-        tokens: All announcements.
         flows: Messages so far by key and source segment.
         rates: Recent messages per second, by key and source segment.
         senders: Ids that stamped these messages, by key and source segment.

@@ -10,6 +10,7 @@ from riot_bus.graph.observations import Observations
 from riot_bus.graph.processes import owners
 from riot_bus.graph.sources import SegmentSource, admin_views
 from riot_bus.vocabulary.selector import key_matches
+from riot_bus.zenoh.convert import FEW
 from riot_bus.zenoh.session_config import is_control
 
 if TYPE_CHECKING:
@@ -21,10 +22,9 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
 
 _MOST_WATCHED = 2_000  # over all segments; each one slows publishing on undeclared keys (see `_watch`)
-_MOST_SELDOM = 200  # a tenth of `_MOST_WATCHED`: components may make up any number of such keys
-_FEW = 2
+_MOST_SELDOM = _MOST_WATCHED // 10  # components may make up any number of such keys
 _MOST_QUESTIONS = 5  # each asks all segments; at one look a second, names may come 5 s late
-_MOST_FLOWS = 2_000  # as many as can be watched; beyond it, a graph of made-up keys would exhaust memory
+_MOST_FLOWS = _MOST_WATCHED  # beyond it, a graph of made-up keys would exhaust memory
 _LEAST_RATE_S = 0.1  # looks may be 20 ms apart (`watch._LEAST_S`): one message would then look like 50 a second
 
 Key = tuple[str, str]
@@ -65,12 +65,9 @@ class Observer:
     """Observer of a bus.
 
     Args:
-        bus: The bus, open.
         changed: Called after each Zenoh event.
         senders: Returns the ids that stamped messages, by key and source segment.
-        registry: Type registry that names keys and interprets tokens.
         processes: Whether to look for the components' processes on this host.
-        clock: Monotonic clock in seconds.
     """
 
     def __init__(
@@ -81,7 +78,6 @@ class Observer:
         senders: Callable[[], Mapping[Key, Collection[str]]],
         registry: TypeRegistry,
         processes: bool,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._bus = bus
         self._sources = {
@@ -90,10 +86,9 @@ class Observer:
         self._senders = senders
         self._name = registry.topic
         self._processes = processes
-        self._clock = clock
         self._flows: dict[Key, int] = {}
         self._left_out = False
-        self._looked = clock()
+        self._looked = time.monotonic()
         self._rates: dict[Key, float] = {}
         self._owners: dict[str, SocketOwner | None] = {}
         self._names: dict[str, str] = {}
@@ -123,7 +118,7 @@ class Observer:
         addresses = {who: found for who, found in ends.items() if who in modes}
         tokens = {token for each in self._sources.values() for token in each.tokens() if token.zid not in ours}
         self._measure(self._busiest(self._bus.flows()))
-        keys = {key for (key, _), count in self._flows.items() if count > _FEW}
+        keys = {key for (key, _), count in self._flows.items() if count > FEW}
         keys |= {token.key for token in tokens if token.role == "publishes"}
         skipped = self._watch(keys, _MOST_WATCHED) + self._watch({key for key, _ in self._flows} - keys, _MOST_SELDOM)
         return Observations(
@@ -154,7 +149,7 @@ class Observer:
         return dict(heapq.nlargest(_MOST_FLOWS, flows.items(), key=lambda each: (each[1], each[0] in shown)))
 
     def _measure(self, flows: dict[Key, int]) -> None:
-        now = self._clock()
+        now = time.monotonic()
         seconds = now - self._looked
         if seconds >= _LEAST_RATE_S:
             self._rates = {each: (count - self._flows.get(each, 0)) / seconds for each, count in flows.items()}

@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
 _INTERPRETERS = ("python", "ruby", "node", "java", "perl", "bash", "sh")
-_FEW = 1
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -53,10 +52,9 @@ def connections(pids: Collection[int] | None = None) -> list[Connection]:
     """
     import psutil
 
-    # Each question reads the kernel's whole table (10 ms): for more than a few processes one for all is cheaper.
-    one_by_one = pids is not None and len(pids) <= _FEW
+    # Each question reads the kernel's whole table (10 ms): for more than one process, one for all is cheaper.
     found: list[Connection] = []
-    for pid in (pids or ()) if one_by_one else (None,):
+    for pid in pids if pids is not None and len(pids) < 2 else (None,):
         with suppress(psutil.Error, OSError):
             each = psutil if pid is None else psutil.Process(pid)
             for one in each.net_connections(kind="tcp"):
@@ -77,11 +75,7 @@ def _plain(host: str) -> str:
 
 
 def owners(locators: Iterable[str]) -> dict[str, SocketOwner]:
-    """Return which process owns each locator; those of other hosts, users and protocols are left out.
-
-    Args:
-        locators: Locators such as `tcp/127.0.0.1:34567`.
-    """
+    """Return which process owns each locator; those of other hosts, users and protocols are left out."""
     wanted = {end: locator for locator in locators if (end := endpoint_of(locator)) is not None}
     if not wanted:
         return {}

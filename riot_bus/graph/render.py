@@ -23,25 +23,14 @@ _OUTWARDS = ("publishes", "calls")
 
 
 def render(graph: Graph, form: str, *, indent: int | None = None) -> str:
-    """Return the graph as `text`, `json`, `mermaid` or `dot`.
-
-    Args:
-        graph: Graph to be shown.
-        form: One of these names.
-        indent: For JSON: spaces per level; None for one line.
-    """
+    """Return the graph as `text`, `json`, `mermaid` or `dot`."""
     if form == "json":
         return graph_json(graph, indent=indent)
     return {"text": text, "mermaid": mermaid, "dot": dot}[form](graph)
 
 
 def graph_json(graph: Graph, *, indent: int | None = None) -> str:
-    """Return the graph as JSON: `version`, `components`, `topics`, `edges`, `unknown`.
-
-    Args:
-        graph: Graph to be shown.
-        indent: Spaces per level; None for one line.
-    """
+    """Return the graph as JSON: `version`, `components`, `topics`, `edges`, `unknown`."""
     return json.dumps({"version": VERSION, **asdict(graph)}, indent=indent, sort_keys=True)
 
 
@@ -81,10 +70,7 @@ def mermaid(graph: Graph) -> str:
 
 
 def dot(graph: Graph) -> str:
-    """Return the graph in Graphviz's language: components are boxes in their segments, topics are ellipses.
-
-    Services and actions are hexagons; what is intercepted has a thick border.
-    """
+    """Return the graph in Graphviz's language: components are boxes in their segments, topics are ellipses."""
     return _drawn(graph, _DOT)
 
 

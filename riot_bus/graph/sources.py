@@ -35,7 +35,6 @@ class AdminView:
     """What a session with an enabled admin space says about itself.
 
     Attributes:
-        zid: Id of the session.
         mode: `client`, `peer` or `router`.
         name: `metadata.name` of its configuration.
         locators: Locators that it listens on.
@@ -52,12 +51,7 @@ class AdminView:
 
     @classmethod
     def parse(cls, key: str, payload: bytes) -> AdminView | None:
-        """Parse a reply to `@/*/*`; None if it is something else, since anything in the network may reply.
-
-        Args:
-            key: Key of the reply.
-            payload: Payload of the reply.
-        """
+        """Parse a reply to `@/*/*`; None if it is something else, since anything in the network may reply."""
         chunks = key.split("/")
         try:
             found = json.loads(payload)
@@ -99,8 +93,6 @@ class SegmentSource:
     """What a segment's session sees, kept up to date by events: sessions, links and announcements.
 
     Args:
-        session: The segment's own session.
-        registry: Type registry that interprets tokens.
         changed: Called on a Zenoh thread after each event; must return at once.
     """
 

@@ -28,8 +28,6 @@ def supplemented(
 ) -> Graph:
     """Return a graph with the keys of a recording, and with their publishers where these can be determined.
 
-    A message without a segment is attributed to the segment of the sender that stamped it, or to the only segment.
-
     Args:
         graph: Graph of the connected components, and what is known about them.
         counts: Messages by key and source segment; the segment is empty if the recording does not state it.

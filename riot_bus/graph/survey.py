@@ -29,12 +29,7 @@ Link = tuple[tuple[str, int], tuple[str, int]]
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """How a process of this host was started.
-
-    Attributes:
-        command: Program and arguments.
-        cwd: Its current working folder.
-    """
+    """How a process of this host was started."""
 
     pid: int
     command: tuple[str, ...]
@@ -46,7 +41,6 @@ class Survey:
     """What is announced at the end of a look at the network.
 
     Attributes:
-        announcements: All announcements, sorted.
         offered: QoS that the publishers of a key offer, in the form of a log's channel (`offered_qos_profiles`).
         started: The processes behind sessions, by the sessions' ids; those of other hosts and users are left out.
         skipped: Number of tokens left out because there were too many.
@@ -62,12 +56,6 @@ class Survey:
 
 def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Mapping[str, Any] | None = None) -> Survey:
     """Look at the network for some seconds.
-
-    Args:
-        endpoint: Endpoint that a router listens on.
-        registry: Type registry whose adapters interpret the tokens.
-        seconds: Duration of the look; tokens that vanish meanwhile are left out.
-        config: Further Zenoh configuration.
 
     Raises:
         EnvironmentFaultError: No router answers at the endpoint.

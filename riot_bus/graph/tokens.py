@@ -26,10 +26,6 @@ def expressions(registry: TypeRegistry) -> list[str]:
 def parse_token(token: str, registry: TypeRegistry) -> Announcement | None:
     """Return what a liveliness token announces, None if it is not known.
 
-    Args:
-        token: The token's key.
-        registry: Type registry whose adapters are asked, and may learn the type of a key.
-
     Example:
         >>> from riot_bus.types.registry import TypeRegistry
         >>> parse_token("0/a/@adv/pub/3f2a/uhlc/_", TypeRegistry()).role

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _LEAST_S = 0.02
-_MOST_S = 30.0
 _REST = 19
 """The watch rests this many times as long as a refresh took, because bus traffic shares the processor."""
 
@@ -33,11 +32,9 @@ class GraphWatch:
     receive) is polled once per period. Read-only: it asks routers nothing that could hang them (see `graph.sources`).
 
     Args:
-        bus: The bus, open.
         callback: Called with each new graph and what changed, one call at a time; what it raises is logged.
         senders: Returns the ids that stamped messages, by key and source segment. A component stamps its messages if
             its configuration says `timestamping/enabled`; each stamp holds its id.
-        registry: Registry that names keys and understands tokens.
         period: Polling period in seconds.
     """
 
@@ -111,12 +108,7 @@ class GraphWatch:
         return graph
 
     def wait(self, condition: Callable[[Graph], bool], timeout: float) -> bool:
-        """Wait until the graph satisfies a condition; return whether it did in time.
-
-        Args:
-            condition: Condition that is checked at once and after each refresh.
-            timeout: Longest wait in seconds.
-        """
+        """Wait until the graph satisfies a condition; return whether it did in time."""
         with self._new:
             return self._new.wait_for(lambda: condition(self._graph), timeout)
 
@@ -133,4 +125,4 @@ class GraphWatch:
             except Exception:
                 if not self._stopping.is_set():
                     _LOG.exception("the graph could not be brought up to date")
-            rest = min(max(_LEAST_S, _REST * (time.monotonic() - began)), _MOST_S)
+            rest = min(max(_LEAST_S, _REST * (time.monotonic() - began)), 30.0)

@@ -152,6 +152,7 @@ class Pipeline:
         self._running = False
         self._started: dict[int, Stage] = {}
         self._routes: dict[str, Route] = {}
+        self._fed: Route | None = None  # while a message is fed
         self.stages: tuple[Stage, ...] = ()
         self.replace(interceptors)
 
@@ -232,6 +233,7 @@ class Pipeline:
             provenance=self.provenance,
         )
         counts.seen += 1
+        self._fed = route
         if route.stages:
             self._run(event, route, 0)
         return event
@@ -271,6 +273,21 @@ class Pipeline:
                 self._failed(stage, failure)
             if event.dropped:
                 break
+
+    def outcome(self, event: Event, route: Route) -> Result | None:
+        """Count and return the result; None if the message goes to all targets at once with at most a new payload."""
+        if (
+            event.dropped
+            or event.added
+            or event.branches
+            or event.delay_ns > 0
+            or event.copies > 0
+            or (event.touched and event.new_payload is None)
+        ):
+            return self.result(event, route)
+        route.counts.delivered += 1
+        route.counts.changed += event.touched
+        return None
 
     def result(self, event: Event, route: Route) -> Result:
         """Return what becomes of a message, and count it."""
@@ -363,7 +380,7 @@ class Pipeline:
         method = stage.hook(hook)
         if method is None or stage.bypassed is not None:
             return
-        self.current = token = [stage]
+        self._fed, self.current = None, (token := [stage])
         failure: BaseException | None = None
         try:
             method(*arguments)
@@ -386,6 +403,8 @@ class Pipeline:
         except IndexError:
             return False
         stage.bypassed = reason
+        if self._fed is not None:
+            self._fed.counts.seen -= 1  # the message will be fed again
         self._note(stage.name, f"{place}: {reason}", place)
         return True
 

@@ -21,8 +21,6 @@ class PlayOptions:
 
     Attributes:
         logs: MCAP files, or folders that hold the files of one recording; merged by time.
-        endpoint: The router to publish to.
-        config: Further Zenoh configuration of the client.
         limits: Limits for reading each log; None for the usual ones.
     """
 

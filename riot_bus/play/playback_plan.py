@@ -31,7 +31,6 @@ class PlaybackPlan:
     """Logs, topics and interceptors of a playback.
 
     Attributes:
-        cast: Topics and how to publish them.
         source: Messages after the interceptors.
         origin: Beginning of the logs, nanoseconds, before any start offset.
 

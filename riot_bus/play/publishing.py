@@ -28,7 +28,6 @@ class Publishing:
     Zenoh's timestamps and source information are always new, since subscribers drop messages where they do not grow.
 
     Args:
-        session: Session that is published into.
         offers: Publisher settings by key; other keys are published as they are.
         block: Whether a slow subscriber holds up the player, whatever was recorded, so that nothing is dropped.
 
@@ -42,7 +41,7 @@ class Publishing:
         self.problems: dict[str, str] = {}
         self._session = session
         self._block = block
-        self._zid = str(session.info.zid())
+        self.zid = str(session.info.zid())
         self._outlets: dict[str, _Outlet] = {}
         self._most = len(offers) + _MOST_KEYS
         self._tokens: dict[str, Any] = {}
@@ -50,11 +49,6 @@ class Publishing:
         self._links = _Links(session)
         for offer in offers.values():
             self._open(offer)
-
-    @property
-    def zid(self) -> str:
-        """Id of the session."""
-        return self._zid
 
     @property
     def broken(self) -> int:
@@ -84,7 +78,7 @@ class Publishing:
 
         # A query takes the same route, behind everything that was published before.
         question = self._session.get(
-            f"@riot/{self._zid}/flush",
+            f"@riot/{self.zid}/flush",
             priority=zenoh.Priority.BACKGROUND,
             congestion_control=zenoh.CongestionControl.BLOCK,
             timeout=timeout,
@@ -106,7 +100,7 @@ class Publishing:
         if len(self._outlets) >= self._most:
             raise ValueError(f"interceptors have invented more than {_MOST_KEYS} keys")
         self._entities += 1
-        identity = offer.identify(self._zid, self._entities) if offer.identify is not None else Identity()
+        identity = offer.identify(self.zid, self._entities) if offer.identify is not None else Identity()
         outlet = self._outlets[offer.key] = _Outlet(self._session, offer, identity, block=self._block)
         for token in identity.tokens:
             if token not in self._tokens:

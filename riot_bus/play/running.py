@@ -22,14 +22,9 @@ if TYPE_CHECKING:
     from riot_bus.control.terminal import Foreground
     from riot_bus.play.options import PlayOptions
 
-_SWITCH_S = 2e-4  # with Python's 5 ms, another busy thread makes a message late by as much
-
 
 def run_play(options: PlayOptions, foreground: Foreground) -> bool:
-    """Play, then report the result.
-
-    Returns:
-        False if a signal has ended it.
+    """Play, then report the result; return False if a signal has ended it.
 
     Raises:
         ConfigError: An option is wrong.
@@ -79,7 +74,7 @@ def _ready(service: PlayService) -> str:
 def _punctual() -> Iterator[None]:
     """Switch threads more often than every 5 ms, and exclude existing objects from garbage collection."""
     former = sys.getswitchinterval()
-    sys.setswitchinterval(_SWITCH_S)
+    sys.setswitchinterval(2e-4)  # with Python's 5 ms, another busy thread makes a message late by as much
     gc.freeze()
     try:
         yield

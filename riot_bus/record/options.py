@@ -23,7 +23,6 @@ class CaptureOptions:
 
     Attributes:
         endpoint: The router or peer to connect to.
-        config: Further Zenoh configuration of the session.
         keys: Names or key expressions of the topics to record.
         output: Path of the file, or of the folder of the bag; None for a name with the present time in `folder`.
         folder: Folder for files that are requested remotely; None for the folder of `output`, else the working folder.

@@ -27,12 +27,8 @@ class RecordingSink:
     """Base of the destinations of a recording; thread-safe if `lock` is held where this is required.
 
     Args:
-        options: Limits of files and chunks.
-        registry: Names and types of topics.
-        naming: Names for the files.
         metadata: Function that returns the metadata of each file.
         details: Function that returns more metadata of a key's channel.
-        profile: MCAP profile.
         warn: Function that receives each warning as one line.
 
     Attributes:

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
 
 _LOG = logging.getLogger(__name__)
-_TICK_S = 0.1  # so late the end comes, chunks end by age, and another file is begun
 _LINK_S = 1.0  # a lost link is reported, and a router that does not answer holds up the start, for as long
 UNDER = "record/**"
 """The keys of these commands, below the recorder's own."""
@@ -62,7 +61,6 @@ class CaptureResult:
     Attributes:
         files: Files in the order of writing.
         account: Messages by topic: recorded, lost by reason, left out by reason.
-        seconds: Duration of the recording.
         problems: Problems, a line each.
         silent: Requested names and key expressions on which no message came.
     """
@@ -334,7 +332,7 @@ class CaptureService:
 
     def _run(self) -> None:
         try:
-            while not self._stopping.wait(_TICK_S):
+            while not self._stopping.wait(0.1):  # so late chunks end by age, and another file is begun
                 self._tick()
                 if self.options.duration and self._seconds() >= self.options.duration:
                     break

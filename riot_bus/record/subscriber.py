@@ -18,6 +18,7 @@ from riot_bus.log.engine.blocks import TIMES
 from riot_bus.pipeline.runner import MOST_TOPICS, BoundedCounts
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.convert import Converter, is_delete
+from riot_bus.zenoh.key_table import KeyTable, KnownKey
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from riot_bus.log.log_channels import ChannelWriter
     from riot_bus.record.recording_sink import RecordingSink
     from riot_bus.types.capabilities import Stamp
-    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.batches import Batches
 
 _LOG = logging.getLogger(__name__)
@@ -73,17 +73,14 @@ class KeyRules:
         self.fetched: set[str] | None = None  # timestamps of messages that were fetched from a cache
 
 
-class _KeyRoute:
-    """Cached data of one key: settings to compare samples with, and the key's track in the present file."""
-
-    __slots__ = ("congestion", "constants", "encoding", "express", "key", "number", "patient", "priority", "rules")
+class _KeyRoute(KnownKey):
+    """What is known of one key, with its track in the present file."""
 
     def __init__(self, key: str, sample: Any, track: ChannelWriter | None, rules: KeyRules) -> None:
-        self.key, self.rules = key, rules
+        super().__init__(key, sample)
+        self.rules = rules
         self.number = -1 if track is None else track.number
         self.constants: Constants | None = None if track is None else track.constants
-        self.encoding, self.priority = sample.encoding, sample.priority
-        self.congestion, self.express = sample.congestion_control, sample.express
         self.patient = False
 
 
@@ -110,19 +107,15 @@ class RecordingSubscriber:
         self._convert = Converter("", itertools.count())
         self._generation = -1
         self._numbers: dict[int, _KeyRoute] = {}
-        self._routes: dict[zenoh.KeyExpr, _KeyRoute | None] = {}
+        self._keys = KeyTable(self._learn, most=MOST_TOPICS)
         self._known: dict[str, KeyRules | None] = {}
-        self._senders: dict[str, set[str]] = {}
         self._batches = batches
         self._thread = threading.Thread(target=self._run, name="riot-subscriber", daemon=True)
         self._thread.start()
 
     def senders(self) -> dict[str, set[str]]:
-        """Return the ids in the Zenoh timestamps of messages, by key.
-
-        Only the first message of each key and of each batch is looked at.
-        """
-        return {key: set(zids) for key, zids in list(self._senders.items())}
+        """Return the ids in the Zenoh timestamps of messages, by key."""
+        return self._keys.senders()
 
     def close(self) -> None:
         """Stop receiving, and record what has come in; safe to call twice."""
@@ -159,7 +152,7 @@ class RecordingSubscriber:
         with sink.lock:
             if self._generation != sink.generation:
                 self._generation = sink.generation
-                self._routes.clear()
+                self._keys.forget()
                 self._numbers.clear()
             try:
                 rows, patient = self._rows(samples, fetched=fetched)
@@ -172,7 +165,9 @@ class RecordingSubscriber:
                     sink.counts.recorded.add(route.rules.topic, count)
                     self.flows.add(route.key, count)
                 sink.append(rows, patient=patient)
-        self._note_sender(samples[0])
+        first = self._keys.known.get(samples[0].key_expr)
+        if first is not None:
+            self._keys.note_sender(first.key, samples[0])
 
     def _one_by_one(self, samples: list[Any]) -> tuple[list[Row], bool]:
         """Return the rows of the samples that can be read, and count the others."""
@@ -185,19 +180,23 @@ class RecordingSubscriber:
         return found, True
 
     def _rows(self, samples: list[Any], *, fetched: bool = False) -> tuple[list[Row], bool]:
-        """Return what is to be written, and whether a slow disk may hold up the publishers.
-
-        Each message passes this loop: lookups of attributes and calls are kept out of it where that is possible.
-        """
+        """Return what is to be written, and whether a slow disk may hold up the publishers."""
         rows: list[Row] = []
-        put, take, routes, clock, number_of = rows.append, _TAKE, self._routes, time.time_ns, self._sequence.__next__
+        put, take, routes, clock, number_of = (
+            rows.append,
+            _TAKE,
+            self._keys.known,
+            time.time_ns,
+            self._sequence.__next__,
+        )
         paused, patient, origin, see = self._paused(), False, self._origin, None if fetched else self._gaps.see
         for sample in samples:
             key, content, encoding, priority, congestion, express, attached, stamp, info = take(sample)
             try:
                 route = routes[key]
             except KeyError:
-                route = self._learn(key, sample)
+                route = self._keys.learn(key, sample)
+                routes = self._keys.known
             if route is None:
                 continue
             now, payload, rules = clock(), content.to_bytes(), route.rules
@@ -280,14 +279,11 @@ class RecordingSubscriber:
         found = {name: found[name] for name in ("e", "q") if name in found}
         return {**(extras or {}), **found} or None
 
-    def _learn(self, key_expr: zenoh.KeyExpr, sample: Any) -> _KeyRoute | None:
-        if len(self._routes) >= MOST_TOPICS:
-            self._routes.clear()
+    def _learn(self, key: str, sample: Any) -> _KeyRoute | None:
+        if len(self._known) >= MOST_TOPICS:
             self._known.clear()
-        key = str(key_expr)
         rules = self._rules_of(key)
         if rules is None:
-            self._routes[key_expr] = None
             return None
         message: Message = self._convert.at(sample, 0)
         route = _KeyRoute(key, sample, self._sink.writer.track(message), rules)
@@ -297,8 +293,8 @@ class RecordingSubscriber:
             route.patient = message.qos.congestion != "drop"
             if (message.qos, message.encoding) != (qos, text):
                 route.encoding = None
-        self._routes[key_expr] = self._numbers[route.number] = route
-        self._note_sender(sample)
+        self._numbers[route.number] = route
+        self._keys.note_sender(key, sample)
         return route
 
     def _rules_of(self, key: str) -> KeyRules | None:
@@ -307,14 +303,6 @@ class RecordingSubscriber:
         except KeyError:
             rules = self._known[key] = self._rules(key) if self._owner(key) == self.expression else None
             return rules
-
-    def _note_sender(self, sample: Any) -> None:
-        stamp = sample.timestamp
-        route = self._routes.get(sample.key_expr)
-        if stamp is not None and route is not None and (route.key in self._senders or len(self._senders) < MOST_TOPICS):
-            zids = self._senders.setdefault(route.key, set())
-            if len(zids) < 64:  # any client may invent ids, and few keys have more publishers
-                zids.add(str(stamp.get_id()))
 
 
 def _came_before(rules: KeyRules, stamp: Any) -> bool:

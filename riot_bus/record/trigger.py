@@ -26,7 +26,6 @@ class Trigger:
 
     Args:
         conditions: Selectors with predicates, such as `/scan where range_max > 10`.
-        registry: Names and types of topics.
         monitors: Monitors, asked at each message of their topics and whenever `take` is called.
         clock: Function that returns the time, nanoseconds since the Unix epoch.
 

@@ -13,10 +13,7 @@ if TYPE_CHECKING:
 
 
 class WatchedNetwork:
-    """Implementation of `riot_bus.graph.observe.WatchedBus` for one client.
-
-    It has one session, and neither intercepts keys nor bridges links.
-    """
+    """Implementation of `riot_bus.graph.observe.WatchedBus` for one client."""
 
     ids_ever: Collection[str] = ()
     intercepted: Collection[str] = ()

@@ -23,7 +23,6 @@ class RouteCounts:
     """Counts of the messages of one route; the thread that forwards them increments these, without a lock.
 
     Attributes:
-        key: Key of the messages.
         passed: Number of messages forwarded without inspection.
         seen: Number of messages that the pipeline or the recorder inspected.
         rewritten: Number of messages changed by a function that does all that the interceptors do.
@@ -41,11 +40,7 @@ class RouteCounts:
 
 
 class ForwarderCounts:
-    """Counts of a forwarder's messages by key: those of its present routes, and the sums of those that ended.
-
-    Args:
-        rewrote: Function that tells the pipeline how many messages of a key were rewritten.
-    """
+    """Counts of a forwarder's messages by key: those of its present routes, and the sums of those that ended."""
 
     def __init__(self, rewrote: Callable[[str, int], None]) -> None:
         self._rewrote = rewrote
@@ -118,7 +113,6 @@ class Losses:
     Attributes:
         messages: Messages that were not delivered, by topic.
         recordings: Messages that were not recorded, by topic.
-        links: Links that broke while they were needed.
         reasons: Messages that were not delivered, by reason.
     """
 
@@ -141,17 +135,7 @@ def count(
     recorded: Mapping[str, int],
     unrecorded: Mapping[str, int],
 ) -> dict[str, TopicCounts]:
-    """Return counts by topic; all arguments are by topic, too.
-
-    Args:
-        looked_at: Counts of the pipeline, of the messages that it saw.
-        passed: Messages forwarded without inspection by the pipeline.
-        shed: Messages that there was no room for.
-        undelivered: Messages, passed or inspected, that could not be published.
-        held: Messages that wait until they are due.
-        recorded: Messages that were recorded.
-        unrecorded: Messages that should have been recorded but were not.
-    """
+    """Return counts by topic; all arguments are by topic, too."""
     table: dict[str, TopicCounts] = {}
     for topic, each in list(looked_at.items()):
         if each.seen or each.added:

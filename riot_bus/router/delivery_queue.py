@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import itertools
 import logging
 import threading
 import time
 from collections import Counter
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.pipeline.runner import BoundedCounts, Emission, Result
-from riot_bus.router.byte_gate import ByteBudget
-from riot_bus.zenoh.convert import Converter, Outlets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable
 
-    from riot_bus.interceptors.recorder import Recorder
     from riot_bus.pipeline.event import Arrival
-    from riot_bus.router.advanced.publisher_proxies import PublisherProxies
     from riot_bus.router.advanced.publisher_state import PublisherState
-    from riot_bus.router.audience import Inner
     from riot_bus.router.pipeline_executor import PipelineExecutor, PipelineWorker
+    from riot_bus.router.surroundings import BusAccess, Surroundings
     from riot_bus.vocabulary.message import Message
-    from riot_bus.zenoh import api as zenoh
 
 _LOG = logging.getLogger(__name__)
-_IDLE_S = 3600.0  # new messages wake the thread; waits for far due times stay below `threading.TIMEOUT_MAX`
 
 
 class PipelineAnswer(NamedTuple):
@@ -65,45 +59,18 @@ class DeliveryQueue:
 
     The thread that brought a message publishes what is due at once, so a slow receiver holds up its senders, as in a
     plain router; a separate thread publishes what is due later.
-
-    Args:
-        executor: Executor of the pipeline.
-        segments: Names of the segments.
-        owner: Function that returns which intercepted expression a key belongs to, if any.
-        topic: Function that returns the topic of a key.
-
-    Attributes:
-        budget: Bytes of large messages that may wait in front of forwarders.
-        sessions: The segments' own sessions, once `open` was called.
-        outlets: Publishers by segment, once `open` was called.
-        converters: Converters of samples to messages, by segment.
-        sequence: Numbers of messages.
-        targets: Target segments of messages, by source segment.
-        advanced: Proxies of advanced publishers; None if there are none.
-        inner: Bridges in this process, by segment.
-        observed: Segments to which a subscriber in this process listens.
     """
 
     def __init__(
         self,
         executor: PipelineExecutor,
-        segments: Collection[str],
+        access: BusAccess,
+        surroundings: Surroundings,
         *,
-        owner: Callable[[str], str | None],
         topic: Callable[[str], str],
     ) -> None:
-        self.executor = executor
-        self.budget = ByteBudget()
-        self.sessions: dict[str, zenoh.Session] = {}
-        self.outlets: dict[str, Outlets] = {}
-        self.sequence = itertools.count(1)
-        self.converters = {name: Converter(name, self.sequence) for name in segments}
-        self.targets = {name: tuple(other for other in segments if other != name) for name in segments}
-        self.owner = owner
-        self.recorder: Recorder | None = None
-        self.advanced: PublisherProxies | None = None
-        self.inner: dict[str, tuple[Inner, ...]] = {}
-        self.observed: set[str] = set()
+        self.executor, self.access, self.surroundings = executor, access, surroundings
+        self._surrounding = threading.Lock()
         self._topic = topic
         self._delayed = EmissionQueue()
         self._held: Counter[str] = Counter()
@@ -113,10 +80,19 @@ class DeliveryQueue:
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="riot-delayed", daemon=True)
 
-    def open(self, sessions: Mapping[str, zenoh.Session]) -> None:
-        """Publish through these sessions, the segments' own ones."""
-        self.sessions.update(sessions)
-        self.outlets.update({name: Outlets(session) for name, session in sessions.items()})
+    def surround(self, **changes: Any) -> None:
+        """Replace some of the surroundings, from the next message on."""
+        with self._surrounding:
+            self.surroundings = replace(self.surroundings, **changes)
+
+    def observe(self, segment: str) -> None:
+        """Consider from now on that a subscriber in this process listens to a segment."""
+        with self._surrounding:
+            self.surroundings = replace(self.surroundings, observed=self.surroundings.observed | {segment})
+
+    def owner(self, key: str) -> str | None:
+        """Return which intercepted expression a key belongs to, if any."""
+        return self.surroundings.claims.owner(key)
 
     def start(self) -> None:
         """Start the thread for delayed messages, unless it was started."""
@@ -131,7 +107,7 @@ class DeliveryQueue:
         self.give_up()
         if self._thread.is_alive():
             self._thread.join()
-        for outlets in self.outlets.values():
+        for outlets in self.access.outlets.values():
             outlets.close()
 
     def give_up(self) -> None:
@@ -143,25 +119,15 @@ class DeliveryQueue:
             self._unhold(emission)
 
     def held(self) -> Counter[str]:
-        """Return, by topic, how many messages wait until they are due, or for a history that has to go first."""
+        """Return, by topic, how many messages wait until they are due."""
         with self._condition:
-            held = +self._held
-        if self.advanced is not None:
-            for key, number in self.advanced.held().items():
-                held[self._topic(key)] += number
-        return held
+            return +self._held
 
     def treatment(self, key: str, payload: Callable[[], bytes], *, advanced: bool) -> Treatment:
-        """Return how the messages of a key are processed.
-
-        Args:
-            key: Key of the messages.
-            payload: Function that returns one of their payloads, as an example.
-            advanced: Whether the key has advanced publishers.
-        """
-        wanted = bool(self.executor.pipeline.route(key).stages)
-        if self.recorder is not None or advanced or not wanted:
-            return Treatment(self.recorder is not None or advanced or wanted, advanced)
+        """Return how the messages of a key are processed."""
+        wanted, recorded = bool(self.executor.pipeline.route(key).stages), self.surroundings.recorder is not None
+        if recorded or advanced or not wanted:
+            return Treatment(recorded or advanced or wanted, advanced)
         return Treatment(inspected=True, rewrite=self.executor.rewriter(key, payload()))
 
     def send(self, message: Message, worker: PipelineWorker | None = None) -> None:
@@ -172,9 +138,6 @@ class DeliveryQueue:
         """Take a message of a history through the pipeline, to be stored rather than published.
 
         Messages that interceptors add on other keys are published, since no cache stores those.
-
-        Returns:
-            The result that remains to be stored.
         """
         result = self.result(message, worker)
         for emission in result.emissions:
@@ -185,11 +148,23 @@ class DeliveryQueue:
 
     def record(self, result: Result) -> None:
         """Record a result of `replay`, once its message is published live."""
-        if self.recorder is not None:
-            if result.changes:
-                self.recorder.original(result.original, result.changes)
+        self.record_original(result)
+        if (recorder := self.surroundings.recorder) is not None:
             for emission in result.emissions:
-                self.recorder.delivered(emission.message, emission.changes)
+                recorder.delivered(emission.message, emission.changes)
+
+    def record_original(self, result: Result) -> None:
+        """Record the message that came in, if it was changed."""
+        recorder = self.surroundings.recorder
+        if recorder is not None and result.changes:
+            recorder.original(result.original, result.changes)
+
+    def record_delivered(self, emission: Emission, message: Message) -> None:
+        """Record what was published of an emission, at the time when it was due."""
+        recorder = self.surroundings.recorder
+        if recorder is not None:
+            late = message.with_(time=emission.due) if emission.due > message.time else message
+            recorder.delivered(late, emission.changes)
 
     def result(self, message: Message, worker: PipelineWorker | None, targets: tuple[str, ...] | None = None) -> Result:
         """Take a whole message through the pipeline, without delivering the result.
@@ -204,7 +179,7 @@ class DeliveryQueue:
             message.time,
             message=message,
             segment=message.segment,
-            targets=self.targets.get(message.segment, ()) if targets is None else targets,
+            targets=self.access.targets.get(message.segment, ()) if targets is None else targets,
             worker=worker,
         )
         if result is None:
@@ -216,14 +191,12 @@ class DeliveryQueue:
         """Run a received message through the pipeline; the caller forwards it, or delivers the answer's result."""
         segment = arrival.segment
         event, result = self.executor.feed(
-            key, arrival.time, arrival=arrival, segment=segment, targets=self.targets[segment], worker=worker
+            key, arrival.time, arrival=arrival, segment=segment, targets=self.access.targets[segment], worker=worker
         )
         if result is not None:
             return PipelineAnswer(None, result)
-        answer = (
-            PipelineAnswer(event.new_payload) if event.touched else _PASS
-        )  # before the recorder decodes the message
-        recorder = self.recorder
+        answer = PipelineAnswer(event.new_payload) if event.touched else _PASS  # before the recorder decodes it
+        recorder = self.surroundings.recorder
         if recorder is not None:
             if event.changes:
                 recorder.original(event.original, event.changes)
@@ -232,8 +205,7 @@ class DeliveryQueue:
 
     def deliver(self, result: Result) -> None:
         """Record the original of what was changed, publish what is due, and keep the rest."""
-        if self.recorder is not None and result.changes:
-            self.recorder.original(result.original, result.changes)
+        self.record_original(result)
         now = time.time_ns()
         for emission in result.emissions:
             if emission.due <= now:
@@ -264,36 +236,31 @@ class DeliveryQueue:
         message, targets = emission.message, emission.targets
         if targets is None:
             source = (emission.original or message).segment
-            targets = self.targets.get(source) or tuple(self.outlets)
+            targets = self.access.targets.get(source) or tuple(self.access.outlets)
         # an added message on a key that is not cut reaches the others by itself
         return targets if self.owner(message.key) is not None else targets[:1]
 
     def _publish(self, emission: Emission) -> None:
-        key, advanced = emission.message.key, self.advanced
-        state = None
-        if advanced is not None and key in advanced.keys:
-            state = advanced.state_of(emission.original, emission.message)
+        stream_of = self.surroundings.stream_of
+        state = None if stream_of is None else stream_of(emission.original, emission.message)
         if state is None:
             self._put(emission)
         else:
-            state.deliver(key, partial(self._put, emission, state))
+            state.deliver(emission.message.key, partial(self._put, emission, state))
 
     def _put(self, emission: Emission, state: PublisherState | None = None) -> None:
         message = emission.message
         if emission.original is None:
-            message = message.with_(sequence=next(self.sequence))
+            message = message.with_(sequence=next(self.access.sequence))
         try:
             for name in self.targets_of(emission):
                 if state is None or not state.publish(name, message):
-                    self.outlets[name].publish(message)
+                    self.access.outlets[name].publish(message)
         except Exception:
             _LOG.exception("a message of %s could not be published", message.key)
             self.lose(emission.counted_key, "not published")
             return
-        if self.recorder is not None:
-            if emission.due > message.time:
-                message = message.with_(time=emission.due)
-            self.recorder.delivered(message, emission.changes)
+        self.record_delivered(emission, message)
 
     def _unhold(self, emission: Emission) -> None:
         topic = self._topic(emission.counted_key)
@@ -310,7 +277,7 @@ class DeliveryQueue:
                 due = self._delayed.next_due()
                 now = time.time_ns()
                 if due is None or due > now:
-                    self._condition.wait(_IDLE_S if due is None else min(_IDLE_S, (due - now) / 1e9))
+                    self._condition.wait(None if due is None else min(threading.TIMEOUT_MAX, (due - now) / 1e9))
                 ready = self._delayed.pop_due(time.time_ns())
             for emission in ready:
                 self._publish(emission)

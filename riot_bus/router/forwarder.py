@@ -19,6 +19,7 @@ from riot_bus.pipeline.runner import AbandonedError, BoundedCounts
 from riot_bus.router.byte_gate import LARGE, ByteGate
 from riot_bus.router.counts import ForwarderCounts, RouteCounts
 from riot_bus.zenoh.convert import FEW, SampleArrival, is_delete, is_droppable
+from riot_bus.zenoh.key_table import KeyTable, KnownKey
 from riot_bus.zenoh.keyexpr_pins import FrequentKeys, pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.pipeline.runner import Result
+    from riot_bus.router.advanced.publisher_proxies import PublisherProxies
     from riot_bus.router.delivery_queue import DeliveryQueue, Treatment
     from riot_bus.vocabulary.message import Qos
     from riot_bus.zenoh import api as zenoh
@@ -42,27 +44,22 @@ _SURPLUS = 64  # `BLOCK` messages beyond the room, until senders wait
 _CACHED_KEYS = 1 << 13  # a route may hold a publisher in each segment; keys may be ever new
 _ATTRIBUTES = attrgetter("key_expr", "priority", "congestion_control", "express", "encoding", "attachment", "payload")
 _TURN_S = 0.005  # slow interceptors keep the channel full, which blocks Zenoh's threads, for no longer
-_MOST_SENDERS = 64  # for each key: timestamps may carry any id, which must not fill the memory
 
 
-class _KeyRoute(RouteCounts):
+class _KeyRoute(KnownKey, RouteCounts):
     """How messages of one key and QoS are forwarded: ready-made calls, and counts of messages."""
 
     def __init__(self, key: str, qos: Qos, sample: Any, outlets: list[Outlets], treatment: Treatment) -> None:
-        super().__init__(key)
+        KnownKey.__init__(self, key, sample)
+        RouteCounts.__init__(self, key)
         self.qos = qos
         self.inspected, self.advanced, self.rewrite = treatment
-        self.priority = sample.priority
-        self.congestion = sample.congestion_control
-        self.express = sample.express
-        self.encoding = sample.encoding
         self.text = str(sample.encoding)
         self.shared = sample.payload.as_shm() is not None
         self.publishers: list[Any] = [outlet.occasional(key, qos, self.text) for outlet in outlets]
         self.outlets = outlets
         self.few = 0
         self.direct: Callable[..., None] | None = None  # replaces `put` if one publisher is enough
-        self.senders: set[str] = set()
 
     def put(self, payload: Any, **more: Any) -> None:
         if self.few <= FEW:
@@ -82,13 +79,14 @@ class Forwarder:
     router. Droppable messages for which there is no room are dropped and counted.
 
     Args:
-        segment: Name of the segment.
-        expression: Key expression that is intercepted.
-        deliveries: Queue that takes messages through the pipeline and delivers them.
+        advanced: Proxies of advanced publishers; None if there are no other segments.
     """
 
-    def __init__(self, segment: str, expression: str, deliveries: DeliveryQueue) -> None:
-        session = deliveries.sessions[segment]
+    def __init__(
+        self, segment: str, expression: str, deliveries: DeliveryQueue, advanced: PublisherProxies | None
+    ) -> None:
+        access = deliveries.access
+        self._session = session = access.sessions[segment]
         library = library_of(session)
         self.segment = segment
         self.expression = expression
@@ -97,13 +95,13 @@ class Forwarder:
         self.received = 0
         self.shed = BoundedCounts()
         """Droppable messages per key for which there was no room."""
-        self._deliveries = deliveries
-        self._converter = deliveries.converters[segment]
-        self._routes: dict[zenoh.KeyExpr, _KeyRoute | None] = {}
+        self._deliveries, self._advanced = deliveries, advanced
+        self._converter = access.converters[segment]
+        self._outlets = [access.outlets[name] for name in access.targets[segment]]
+        self._keys = KeyTable(self._learn, most=_CACHED_KEYS, forget=self._put_aside)
         self._by_qos: dict[tuple[str, Qos], _KeyRoute] = {}
         self._former: deque[dict[tuple[str, Qos], _KeyRoute]] = deque()  # forgotten, but perhaps still counting
         self._counts = ForwarderCounts(deliveries.executor.rewrote)
-        self._senders: dict[str, set[str]] = {}
         self._backlog: deque[zenoh.Sample] = deque()
         self._out: deque[tuple[_KeyRoute, list[bytes | None], dict[str, Any] | None]] = deque()
         self._rewriting: list[_KeyRoute] = []
@@ -118,7 +116,7 @@ class Forwarder:
             allowed_origin=library.Locality.REMOTE,  # what we publish ourselves must not come back
         )
         self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring
-        self._gate = ByteGate(deliveries.budget, self._channel, closed=self._zenoh_error, drop=self._drop)
+        self._gate = ByteGate(access.budget, self._channel, closed=self._zenoh_error, drop=self._drop)
         self._guards: list[Any] = []  # the subscriber by which senders wait at the gate, if it is active
         self._thread = self._spawn()
 
@@ -132,15 +130,14 @@ class Forwarder:
 
     def senders(self) -> dict[str, set[str]]:
         """Return the ids in the timestamps of messages, by key; this is a sample of the messages."""
-        found = {key: set(zids) for key, zids in self._senders.items()}
-        for route in self._all_routes():
-            if route.senders:
-                found.setdefault(route.key, set()).update(route.senders)
-        return found
+        return self._keys.senders()
 
     def forget(self) -> None:
         """Forget what is cached about keys, since interceptors, recorder or claims have changed."""
-        former, self._routes, self._by_qos = self._by_qos, {}, {}
+        self._keys.forget()
+
+    def _put_aside(self) -> None:
+        former, self._by_qos = self._by_qos, {}
         self._former.append(former)
 
     def _all_routes(self) -> list[_KeyRoute]:
@@ -151,8 +148,6 @@ class Forwarder:
         while self._former:
             for route in self._former.popleft().values():
                 self._counts.end(route)
-                if route.senders and (route.key in self._senders or len(self._senders) < _CACHED_KEYS):
-                    self._senders.setdefault(route.key, set()).update(route.senders)
 
     def close(self) -> None:
         """Forward the messages received so far, then end; safe to call twice."""
@@ -249,11 +244,10 @@ class Forwarder:
             self.shed.add(key)
 
     def _begin_gate(self) -> None:
-        session = self._deliveries.sessions[self.segment]
-        library, self._gate.active = library_of(session), True
+        library, self._gate.active = library_of(self._session), True
         handler = library.handlers.Callback(self._gate.admit, indirect=False)
         origin = library.Locality.REMOTE
-        self._guards.append(session.declare_subscriber(self.expression, handler, allowed_origin=origin))
+        self._guards.append(self._session.declare_subscriber(self.expression, handler, allowed_origin=origin))
 
     def _end_gate(self) -> None:
         release(*self._guards)
@@ -265,7 +259,7 @@ class Forwarder:
         backlog = self._backlog
         first = backlog[0]
         began = time.monotonic()
-        attributes, next_sample, routes, out = _ATTRIBUTES, backlog.popleft, self._routes, self._out.append
+        attributes, next_sample, routes, out = _ATTRIBUTES, backlog.popleft, self._keys.known, self._out.append
         last: _KeyRoute | None = None  # the route to whose payloads `also` appends
         also = out
         # Hot loop: names are local, and a message that passes unchanged costs no call of a function of ours.
@@ -275,11 +269,11 @@ class Forwarder:
             try:
                 route = routes[key]
             except KeyError:
-                route = self._learn(key, sample)
+                route = self._keys.learn(key, sample)
             if route is None:
                 continue
             if not (route.express is express and route.priority == priority and route.congestion == congestion):
-                route = self._learn(key, sample)
+                route = self._keys.learn(key, sample)
                 if route is None:
                     continue
             if not route.inspected:
@@ -308,37 +302,24 @@ class Forwarder:
                 out((route, [payload], {"encoding": str(encoding)}))
         self._flush()
         took = time.monotonic() - began
-        for name in self._deliveries.targets[self.segment]:
-            self._deliveries.outlets[name].took(took)
-        self._note(first)
-
-    def _note(self, sample: zenoh.Sample) -> None:
-        """Note, for some messages only, their sender and that their key is in use."""
-        stamp, key = sample.timestamp, sample.key_expr
-        route = self._routes.get(key)
+        for outlet in self._outlets:
+            outlet.took(took)
+        route = self._keys.known.get(first.key_expr)
         if route is not None:
-            self._frequent.saw(key)
-        if stamp is not None and route is not None and len(route.senders) < _MOST_SENDERS:
-            route.senders.add(str(stamp.get_id()))
+            self._frequent.saw(first.key_expr)
+            self._keys.note_sender(route.key, first)
 
-    def _learn(self, key_expr: zenoh.KeyExpr, sample: zenoh.Sample) -> _KeyRoute | None:
+    def _learn(self, key: str, sample: zenoh.Sample) -> _KeyRoute | None:
         """Return the route of messages of this key and QoS; None if another forwarder has them."""
-        if len(self._routes) >= _CACHED_KEYS:
-            self.forget()
-        routes, by_qos = self._routes, self._by_qos  # if `forget` runs now, outdated routes go to the old ones
-        key = str(key_expr)
+        by_qos = self._by_qos  # first: see `KeyTable.learn`
         if self._deliveries.owner(key) != self.expression:
-            routes[key_expr] = None
             return None
         qos = self._converter.qos(sample)
         route = by_qos.get((key, qos))
         if route is None:
-            deliveries = self._deliveries
-            advanced = deliveries.advanced is not None and deliveries.advanced.concerns(self.segment, key, sample)
-            treatment = deliveries.treatment(key, sample.payload.to_bytes, advanced=advanced)
-            outlets = [deliveries.outlets[name] for name in deliveries.targets[self.segment]]
-            route = by_qos[key, qos] = _KeyRoute(key, qos, sample, outlets, treatment)
-        routes[key_expr] = route
+            advanced = self._advanced is not None and self._advanced.concerns(self.segment, key, sample)
+            treatment = self._deliveries.treatment(key, sample.payload.to_bytes, advanced=advanced)
+            route = by_qos[key, qos] = _KeyRoute(key, qos, sample, self._outlets, treatment)
         return route
 
     def _rewritten(self, route: _KeyRoute, payload: bytes) -> bytes | None:
@@ -386,7 +367,7 @@ class Forwarder:
 
     def _process_advanced(self, sample: zenoh.Sample) -> None:
         """Deliver a message of an advanced publisher."""
-        advanced = self._deliveries.advanced
+        advanced = self._advanced
         assert advanced is not None
         message = advanced.take(self.segment, sample)
         if message is not None:

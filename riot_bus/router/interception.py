@@ -63,11 +63,8 @@ class Interception:
     """Makes a bus intercept what user, interceptors and plan want; not thread-safe.
 
     Args:
-        bus: Function that returns the open bus.
         keys: Keys that the user wants to intercept; `KEY/@request` means the service of this key.
-        interceptors: Interceptors in the order in which they are carried out.
         plan: Injection plan, carried out after the interceptors.
-        registry: Registry that maps topic names to key expressions.
 
     Raises:
         ConfigError: A key cannot be intercepted, or an interceptor would see nothing.
@@ -164,10 +161,7 @@ class Interception:
         return self._expressions(present[0], topics), self._expressions(present[1], services)
 
     def _expressions(self, present: Sequence[str], names: Iterable[str]) -> list[str]:
-        """Return the expressions to intercept: present ones that are still wanted, and those that they do not include.
-
-        An expression that another one includes need not be cut itself, so that routes stay as they are.
-        """
+        """Return what to intercept: present expressions that are still wanted, and those that they do not include."""
         from riot_bus.zenoh import api as zenoh
 
         wanted = canonical([self._registry.key_expression(name) for name in names])

@@ -15,13 +15,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from riot_bus.pipeline.event import Arrival, Event
-    from riot_bus.pipeline.runner import Pipeline, Result, Route
+    from riot_bus.pipeline.runner import Pipeline, Result
     from riot_bus.pipeline.stage import Stage
     from riot_bus.vocabulary.message import Message
 
 _LOG = logging.getLogger(__name__)
-_RETRY_S = 0.1
-_END_S = 10.0
 BUDGET_S = 1.0
 """How long an interceptor may take for one message before it is bypassed."""
 
@@ -38,7 +36,6 @@ class PipelineExecutor:
     """Lets several threads feed one pipeline, and frees them from an interceptor that blocks.
 
     Args:
-        pipeline: Pipeline of the interceptors.
         budget_s: Longest time of one interceptor for one message, in seconds.
     """
 
@@ -48,7 +45,6 @@ class PipelineExecutor:
         self._lock = threading.Lock()
         self._thread_id = 0
         self._worker: PipelineWorker | None = None
-        self._route: Route | None = None
         self._stop = threading.Event()
         self._watch: threading.Thread | None = None
 
@@ -101,20 +97,9 @@ class PipelineExecutor:
             self._thread_id, self._worker = threading.get_ident(), worker
             try:
                 pipeline = self.pipeline
-                self._route = route = pipeline.route(key)
+                route = pipeline.route(key)
                 event = pipeline.run(route, now, message=message, arrival=arrival, segment=segment, targets=targets)
-                if (
-                    event.dropped
-                    or event.added
-                    or event.branches
-                    or event.delay_ns > 0
-                    or event.copies > 0
-                    or (event.touched and event.new_payload is None)
-                ):
-                    return event, pipeline.result(event, route)
-                route.counts.delivered += 1
-                route.counts.changed += event.touched
-                return event, None
+                return event, pipeline.outcome(event, route)
             except AbandonedError:
                 if worker is not None:
                     raise
@@ -125,7 +110,7 @@ class PipelineExecutor:
         """Call a function on the pipeline while no thread feeds it; repeat it if an interceptor blocks meanwhile."""
         while True:
             lock = self._enter()
-            self._thread_id, self._worker, self._route = threading.get_ident(), None, None
+            self._thread_id, self._worker = threading.get_ident(), None
             try:
                 action(self.pipeline)
                 return
@@ -141,7 +126,7 @@ class PipelineExecutor:
             AbandonedError: The method blocked, and `worker` continues on a new thread.
         """
         lock = self._enter()
-        self._thread_id, self._worker, self._route = threading.get_ident(), worker, None
+        self._thread_id, self._worker = threading.get_ident(), worker
         try:
             if any(each.interceptor is stage.interceptor for each in self.pipeline.stages):
                 self.pipeline.call(stage, hook, *arguments)
@@ -174,7 +159,7 @@ class PipelineExecutor:
     def _enter(self) -> threading.Lock:
         while True:
             lock = self._lock
-            if not (lock.acquire(blocking=False) or lock.acquire(timeout=_RETRY_S)):
+            if not (lock.acquire(blocking=False) or lock.acquire(timeout=0.1)):
                 continue
             if lock is self._lock:
                 return lock
@@ -200,15 +185,13 @@ class PipelineExecutor:
         reason = f"blocked for more than {self._budget_s:g} s; it is bypassed from now on"
         if not pipeline.abandon(asked, reason, place):
             return
-        if self._route is not None:
-            self._route.counts.seen -= 1  # the message will be fed again
         _LOG.warning("interceptor %s (%s) %s", stage.name, place, reason)
         self._lock = threading.Lock()
         if worker is not None:
             worker.take_over()
 
 
-def end_interceptors(pipeline: Pipeline, *, patience_s: float = _END_S) -> None:
+def end_interceptors(pipeline: Pipeline, *, patience_s: float = 10.0) -> None:
     """Call every interceptor's `stop` with a time limit; call this when no thread feeds the pipeline.
 
     Args:

@@ -19,9 +19,6 @@ class Receivers:
     """Notes in which segments a key expression ever had a subscriber, even briefly; a context manager.
 
     Exact for what is intercepted, if no component outside a segment subscribes to more than is cut.
-
-    Args:
-        bus: Bus that is open.
     """
 
     def __init__(self, bus: Bus) -> None:

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     Job = Callable[[], None]
 
 _LOG = logging.getLogger(__name__)
-_IDLE_S = 3600.0  # any long time: every new job wakes the thread
-_LOOK_S = 0.1  # how late `close` notices that another thread has taken over
 
 
 class Worker:
@@ -74,7 +72,7 @@ class Worker:
             self._closing = True
             self._changed.notify()
         while (thread := self._thread).is_alive() and thread is not threading.current_thread():
-            thread.join(_LOOK_S)  # in turns, since another thread takes over if this one is stuck
+            thread.join(0.1)  # in turns, since another thread takes over if this one is stuck
 
     def take_over(self) -> None:
         """Continue on a new thread, starting with the job on which the current one is stuck."""
@@ -115,5 +113,5 @@ class Worker:
                     return self._current
                 if self._closing:
                     return None
-                self._changed.wait(self._later[0][0] - now if self._later else _IDLE_S)
+                self._changed.wait(self._later[0][0] - now if self._later else None)
             return None

@@ -16,7 +16,7 @@ from riot_bus.types.capabilities import ParameterRequest
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, PayloadError
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
-from riot_bus.zenoh.segment_port import open_port
+from riot_bus.zenoh.segment_port import SegmentPort, open_port
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -140,7 +140,7 @@ class Readiness:
             return {}
         with ExitStack() as stack:
             segments = sorted(set(map(network.segment_of, names)))
-            ports = [stack.enter_context(open_port([network.bus.endpoint(each)])) for each in segments]
+            ports = [stack.enter_context(open_port(SegmentPort, [network.bus.endpoint(each)])) for each in segments]
             return set_in_nodes(
                 self._context,
                 chosen,

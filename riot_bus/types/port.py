@@ -1,7 +1,4 @@
-"""Access of an adapter's bridge to a segment, independent of Zenoh; implemented by `bridge`.
-
-Methods are described there. `SegmentAccess` is for a bridge that connects to a segment of another router.
-"""
+"""Access of an adapter to a segment, independent of Zenoh; implemented by `riot_bus.zenoh.segment_port`."""
 
 from __future__ import annotations
 
@@ -47,26 +44,8 @@ class PortPublisher(Closeable, Protocol):
         """Return whether there is a remote subscriber."""
 
 
-class PortQuery(Protocol):
-    """A request that waits for its response."""
-
-    @property
-    def payload(self) -> bytes:
-        """Payload of the request."""
-
-    @property
-    def attachment(self) -> bytes | None:
-        """Attachment of the request."""
-
-    def answer(self, payload: bytes, attachment: bytes | None) -> None:
-        """Send the response."""
-
-    def fail(self, reason: str) -> None:
-        """Reply with an error."""
-
-
 class SegmentAccess(Protocol):
-    """A segment with everything that ROS 2 nodes use: latched topics, tokens, services."""
+    """A segment of a router."""
 
     @property
     def zid(self) -> str:
@@ -76,24 +55,14 @@ class SegmentAccess(Protocol):
     def endpoint(self) -> str:
         """Endpoint for display, without the part after `#`."""
 
-    def publisher(
-        self, key: str, *, reliable: bool, latched: int | None = None, changed: Callable[[], None] = lambda: None
-    ) -> PortPublisher:
+    def publisher(self, key: str, *, reliable: bool, changed: Callable[[], None] = lambda: None) -> PortPublisher:
         """Return a new publisher."""
 
-    def subscribe(
-        self, key: str, take: Callable[[bytes, bytes | None], None], *, latched: int | None = None
-    ) -> Closeable:
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
         """Subscribe to messages of others."""
-
-    def announce(self, token: str) -> Closeable:
-        """Declare a liveliness token."""
 
     def watch(self, expression: str, take: Callable[[str, bool], None]) -> Closeable:
         """Subscribe to liveliness tokens."""
-
-    def serve(self, key: str, take: Callable[[PortQuery], None]) -> Closeable:
-        """Answer the requests of others."""
 
     def ask(
         self,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
+from riot_bus.zenoh.session_config import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -15,19 +16,13 @@ if TYPE_CHECKING:
 
 _ENOUGH = 16  # one of each publisher would do, and keys have few publishers; a guess
 _LONGEST = 256  # those of rmw_zenoh have 33 or 77 bytes; 16 of them take 4 KiB at most
-_CACHE_S = 2.0  # a cache that does not answer holds up nothing, for live messages are heard, too
 
 
 class AttachmentProbe:
     """Collects attachments of a key's messages, including those that publishers keep for late joiners.
 
     Args:
-        key: Key to subscribe to.
-        sessions: Sessions that subscribe.
         heard: Function called on a thread of Zenoh for each new attachment.
-
-    Attributes:
-        attachments: The first attachments received.
     """
 
     def __init__(self, key: str, sessions: Sequence[zenoh.Session], heard: Callable[[], None]) -> None:
@@ -47,7 +42,7 @@ class AttachmentProbe:
                     consolidation=zenoh.ConsolidationMode.NONE,
                     accept_replies=zenoh.ReplyKeyExpr.ANY,
                     allowed_destination=zenoh.Locality.REMOTE,  # not our own stand-ins for caches
-                    timeout=_CACHE_S,
+                    timeout=ANSWER_S,
                 )
             except zenoh.ZError:  # it is closed
                 continue

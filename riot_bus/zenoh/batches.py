@@ -17,17 +17,12 @@ if TYPE_CHECKING:
     import zenoh
 
 _CHANNEL = 256  # Zenoh's default; a sender blocks when it is full
-_MOST = 512  # two full channels: what comes while one is emptied goes along; bounds a batch
+_MOST = _CHANNEL * 2  # what comes while one is emptied goes along; bounds a batch
 _MOST_BYTES = 1 << 24  # bounds the memory of a batch, by the size of the last payload before
 
 
 class Batches:
-    """A subscription from its construction on, for one receiving thread.
-
-    Args:
-        session: Session that receives.
-        expression: Key expression to subscribe to.
-    """
+    """A subscription from its construction on, for one receiving thread."""
 
     def __init__(self, session: zenoh.Session, expression: str) -> None:
         zenoh = library_of(session)

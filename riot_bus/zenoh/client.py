@@ -28,7 +28,6 @@ class Client:
     """A client session that publishes and receives messages; a context manager.
 
     Attributes:
-        session: The Zenoh session, for everything else.
         lost: Number of messages lost because of a slow callback, by key.
     """
 
@@ -42,15 +41,7 @@ class Client:
         self._dispatcher = Dispatcher("riot-client", self._count_lost)
 
     def subscribe(self, keyexpr: str, callback: Callable[[Message], None]) -> Subscription:
-        """Call back with each message, on a thread that may be slow without stalling the link.
-
-        Args:
-            keyexpr: Key expression.
-            callback: Called in the order of arrival.
-
-        Returns:
-            Something with `undeclare()`.
-        """
+        """Call back with each message, on a thread that may be slow without stalling the link."""
         (text,) = canonical([keyexpr])
         self._dispatcher.start()
         convert, deliver = self._convert, self._dispatcher.deliver
@@ -82,10 +73,6 @@ class Client:
 
 def open_client(endpoint: str, *, config: Mapping[str, Any] | None = None) -> Client:
     """Connect to a router.
-
-    Args:
-        endpoint: Endpoint of the router, such as `tcp/127.0.0.1:7447`.
-        config: Further Zenoh configuration.
 
     Raises:
         EnvironmentFaultError: There is no answer from the endpoint.

@@ -32,19 +32,11 @@ FILE_KEYS = frozenset(
 """Keys whose value is the path of a file."""
 
 _LARGEST_SECRET = 64 << 10  # passwords, keys and certificates have some KiB; anything else is a mistake
-_OTHERS = 0o077  # permissions of group and others
 _LISTENER_NEEDS = ("listen_certificate", "listen_private_key")
 
 
 def with_files(segment: SegmentSettings, root: Path, *, path: Path, text: str, name: str) -> SegmentSettings:
     """Return a segment of a riot.toml with Zenoh keys checked and flattened, and with absolute paths.
-
-    Args:
-        segment: The segment's table as the user wrote it.
-        root: Base folder of relative paths.
-        path: Path of riot.toml, for errors.
-        text: Text of riot.toml.
-        name: Name of the segment.
 
     Raises:
         ConfigError: Zenoh does not know a key or rejects its value, or a file is missing.
@@ -65,12 +57,6 @@ def with_files(segment: SegmentSettings, root: Path, *, path: Path, text: str, n
 
 def settings_of_text(key: str, text: str, root: Path, *, where: str) -> dict[str, Any]:
     """Return the settings of `KEY=TEXT` on a command line, with `@FILE` replaced by its contents, and absolute paths.
-
-    Args:
-        key: Key of Zenoh's configuration.
-        text: JSON5, plain text if Zenoh accepts it, or `@FILE`.
-        root: Base folder of relative paths.
-        where: Name of the option, for errors.
 
     Raises:
         ConfigError: Zenoh does not know the key or rejects its value, a file is missing or readable by others, or a
@@ -154,7 +140,7 @@ def _existing(text: str, root: Path, *, where: str, secret: bool) -> Path:
 
 def _check_private(path: Path, *, where: str) -> None:
     mode = path.stat().st_mode & 0o777
-    if os.name != "posix" or not mode & _OTHERS or _is_credential(path):
+    if os.name != "posix" or not mode & 0o077 or _is_credential(path):
         return
     hint = f"chmod 600 {shlex.quote(str(path))}"
     raise ConfigError(f"others may read {path} (mode {mode:04o}), which holds a secret", where=where, hint=hint)

@@ -30,10 +30,6 @@ def leaves(config: Mapping[str, Any]) -> dict[str, Any]:
 def check_config(config: Mapping[str, Any], *, where: str) -> None:
     """Check every key and value of a segment.
 
-    Args:
-        config: JSON values by key, whose parts are joined by `/`.
-        where: Place for errors.
-
     Raises:
         ConfigError: Zenoh does not know a key or rejects a value, or riot cannot work with it.
     """
@@ -51,11 +47,6 @@ def value_of(key: str, text: str, *, where: str) -> Any:
 
     If Zenoh accepts it as JSON5, it is JSON5, otherwise text: `true`, `[1, 2]`, `cert.pem`, and `1234` for a password.
 
-    Args:
-        key: Key of the value.
-        text: The value as the user wrote it.
-        where: Place for errors.
-
     Raises:
         ConfigError: Zenoh does not know the key, or accepts neither form.
     """
@@ -69,11 +60,6 @@ def value_of(key: str, text: str, *, where: str) -> Any:
 
 def value_of_file(key: str, text: str, *, where: str) -> Any:
     """Return the value in a file: its text, or JSON5 if Zenoh accepts no text; errors do not show it.
-
-    Args:
-        key: Key of the value.
-        text: Contents of the file.
-        where: Place for errors.
 
     Raises:
         ConfigError: Zenoh does not know the key, or accepts neither form.

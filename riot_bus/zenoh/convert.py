@@ -78,10 +78,7 @@ class SampleArrival:
     """A received sample that is converted only on demand, since most messages pass unchanged (`pipeline.Arrival`).
 
     Args:
-        sample: Sample as received.
-        key: Key of the sample.
         time: Time of reception, in nanoseconds since the Unix epoch.
-        converter: Converter of the segment that it came from.
     """
 
     __slots__ = ("_converter", "_message", "_payload", "_sample", "key", "segment", "time")
@@ -172,13 +169,7 @@ class Outlets:
             self.longest_s = seconds
 
     def publisher(self, key: str, qos: Qos, encoding: zenoh.Encoding | str | None = None) -> zenoh.Publisher:
-        """Return the publisher of a key; declare it if necessary.
-
-        Args:
-            key: Key without wildcards.
-            qos: Delivery settings.
-            encoding: Default encoding of the publisher; only used when it is declared.
-        """
+        """Return the publisher of a key; declare it if necessary."""
         known = self._publishers.get((key, qos))
         if known is not None:
             return known

@@ -101,11 +101,7 @@ class DirectLinks:
 
 
 def are_possible(configs: Mapping[str, SessionConfig]) -> bool:
-    """Return whether segments can be linked: the user configures neither their ids, endpoints nor access control.
-
-    Args:
-        configs: The user's Zenoh configuration, by segment.
-    """
+    """Return whether segments can be linked: the user configures neither their ids, endpoints nor access control."""
     keys = {key for config in configs.values() for key in config}
     return not any(f"{key}/".startswith(f"{own}/") or own.startswith(f"{key}/") for key in keys for own in _OWN)
 

@@ -24,7 +24,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.junction_sockets import JunctionSockets
 from riot_bus.zenoh.libraries import borrow, give_back, library_of
 from riot_bus.zenoh.session import open_session, release, wait_until
-from riot_bus.zenoh.session_config import OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
+from riot_bus.zenoh.session_config import ANSWER_S, OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -39,20 +39,13 @@ _PROBE_INTERVAL_S = 0.002  # routes are ready after 100 ms: they are used 2 % la
 _ROUTES_S = 1.0  # ten times what routes usually take, 100 ms; doubled with each try
 _FORGET_S = 0.2  # twice the 100 ms after which Zenoh computes routes anew; doubled with each try
 _PROBES = 4  # only some subscriptions may get through; with four, no key was dead after 900 changes under load
-_TOKENS_S = 2.0  # generous: segments are routers of this process, and callers wait for them; not measured
 _WEIGHTS = "routing/router/linkstate/transport_weights"
 _LEAST_WEIGHT = 100  # Zenoh's default, which direct links have: they have to stay cheaper
 _MOST_WEIGHT = 65_000  # Zenoh's weights have 16 bits, 65,535 at most
 
 
 class _Router(NamedTuple):
-    """One of the routers that join the segments in turn.
-
-    Attributes:
-        session: The router; None while the segments are apart.
-        zid: Its id.
-        sockets: Sockets of its links.
-    """
+    """One of the routers that join the segments in turn."""
 
     session: zenoh.Session | None = None
     zid: str = ""
@@ -73,7 +66,6 @@ class Junction:
         segments: The segments, at least two.
         direct: Direct links, which are severed when other keys are to be cut than they cut.
         inner: Endpoints to listen on in turn, for segments without doors; as many as others have doors, at least two.
-        config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow segment.
         timeout: Seconds within which links and routes must be up.
     """
@@ -121,10 +113,6 @@ class Junction:
 
     def open(self, cut: Sequence[str], services: Sequence[str] = ()) -> zenoh.Session:
         """Join the segments, or cut other keys if they are joined and cut others; return once links and routes are up.
-
-        Args:
-            cut: Canonical key expressions of messages that must not cross.
-            services: Canonical key expressions of services that must not be visible or called across.
 
         Raises:
             EnvironmentFaultError: The segments are not joined in time.
@@ -224,7 +212,7 @@ class Junction:
             text = f"{expression}/@adv/pub/"
             seen: Counter[str] = Counter()
             for segment in self._segments if self.session is not None else ():
-                replies = segment.session.liveliness().get(f"{text}**", timeout=_TOKENS_S)
+                replies = segment.session.liveliness().get(f"{text}**", timeout=ANSWER_S)
                 seen.update({str(reply.ok.key_expr) for reply in replies if reply.ok is not None})
             crossed = any(number > 1 for number in seen.values())
             refused += [f"{text}{segment.zid}/**" for segment in self._segments] if crossed else [f"{text}**"]
@@ -268,10 +256,6 @@ class Junction:
 
         They go to subscriptions that are as old as the segments: only these show that the junction knows the existing
         subscriptions of components.
-
-        Args:
-            sources: Sessions that send: those of segments by name, or that of the junction.
-            timeout: Longest time to wait, in seconds.
         """
         missing = {(name, probe) for name in sources for probe in self._probes if probe.segment != name}
         text = self.zid.encode()

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import zenoh
 
 _MOST = 1 << 14  # a quarter of Zenoh's numbers, which have 16 bits
-_MOST_FREQUENT = 1 << 12  # a sixteenth of Zenoh's numbers, as none is released before the session ends
+_MOST_FREQUENT = _MOST // 4  # none is released before the session ends
 _OFTEN = 8  # rare keys are not worth a declaration; a guess
 _held: dict[int, OrderedDict[str, zenoh.KeyExpr]] = {}
 _frequent: dict[int, dict[str, zenoh.KeyExpr]] = {}
@@ -78,11 +78,7 @@ class FrequentKeys:
         self._seen: dict[zenoh.KeyExpr, int] = {}
 
     def saw(self, key: zenoh.KeyExpr) -> None:
-        """Count a key; a sample of all messages is enough, since frequent keys are frequent in it, too.
-
-        Args:
-            key: Key expression of a sample.
-        """
+        """Count a key; a sample of all messages is enough, since frequent keys are frequent in it, too."""
         times = self._seen.get(key, 0) + 1
         if times > _OFTEN:
             return

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     import zenoh
 
 _NAME = "zenoh.zenoh"
-_CHUNK = 1 << 26  # more than the library has, 33 MB, so that one call copies it
 _MODE = 0o500  # of a copy: nobody writes to it
 _lock = threading.Lock()
 _copies: list[ModuleType] = []
@@ -61,11 +60,7 @@ def give_back(library: ModuleType) -> None:
 
 
 def library_of(thing: object) -> Any:
-    """Return the copy to which an object belongs: `zenoh` itself, unless it comes from a borrowed copy.
-
-    Args:
-        thing: A session, or an object from one, such as a sample or a query.
-    """
+    """Return the copy to which an object belongs: `zenoh` itself, unless it comes from a borrowed copy."""
     kind = type(thing)
     found = _by_type.get(kind)
     if found is None:
@@ -193,7 +188,7 @@ def _recorded(original: Path) -> str:
 def _in_memory(original: Path) -> int:
     file = os.memfd_create("zenoh")
     with original.open("rb") as source:
-        while os.sendfile(file, source.fileno(), None, _CHUNK):
+        while os.sendfile(file, source.fileno(), None, 1 << 26):  # one call copies it, 33 MB
             pass
     return file
 

@@ -15,16 +15,12 @@ if TYPE_CHECKING:
 
     import zenoh
 
-_STALLED = 0.8  # of the time after which Zenoh closes
-
 
 @dataclass(frozen=True, slots=True)
 class BrokenLink:
     """A link that broke while it was needed.
 
     Attributes:
-        segment: Name of its segment.
-        peer: Id of the session at the other end.
         time: Time in nanoseconds since the Unix epoch.
         reason: Kind of failure: a link between our own routers; a publication of ours that waited too long; or a peer
             that reconnected, so it had not left by itself.
@@ -61,7 +57,7 @@ class TransportWatch:
     ) -> None:
         self.broken: list[BrokenLink] = []
         self.departures = 0
-        self._limit_s = _STALLED * wait_before_close_s
+        self._limit_s = 0.8 * wait_before_close_s
         self._inner = inner
         self._ours = ours
         self._longest = longest

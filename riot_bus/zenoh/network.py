@@ -32,13 +32,10 @@ class Network:
     Args:
         segments: Settings of each segment by name, or just its endpoints to listen on; empty for a free port of this
             machine.
-        config: Further Zenoh configuration of every segment.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow receiver before its link is closed.
         timeout: Seconds within which segments must be joined.
 
     Attributes:
-        settings: Settings of each segment, by name.
-        segments: Open segments, by name.
         junction: The junction; None if there is only one segment, and before it is open.
         direct: Direct links; None with one segment, if the user's configuration prevents them, and before they open.
     """
@@ -74,10 +71,6 @@ class Network:
 
     def open(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> Self:
         """Open the segments, unless they are open.
-
-        Args:
-            cut: Canonical key expressions of messages that will be intercepted.
-            services: Canonical key expressions of services that will be intercepted.
 
         Raises:
             ConfigError: Zenoh rejects a configuration.
@@ -131,10 +124,6 @@ class Network:
 
     def begin(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> None:
         """Open the segments and begin to join them; opening the bus waits for the rest.
-
-        Args:
-            cut: Canonical key expressions of messages that will be intercepted.
-            services: Canonical key expressions of services that will be intercepted.
 
         Raises:
             ConfigError: Zenoh rejects a configuration.

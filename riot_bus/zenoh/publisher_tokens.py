@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release, wait_until
+from riot_bus.zenoh.session_config import ANSWER_S
 from riot_bus.zenoh.type_learner import Learner
 
 if TYPE_CHECKING:
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
 
     from riot_bus.types.registry import TypeRegistry
 
-_ANSWER_S = 2.0  # a router that does not answer delays the start by this for each adapter
-_TOLD_S = 2.0  # as long as one question of `type_learner` may take; what is learnt later still counts
 _LOOK_S = 0.01  # a look goes over all keys whose types are sought; the start is later by one look
 _MOST_TOKENS = 50_000  # peers may announce any number: some 15 MB of usual tokens
 
@@ -26,7 +25,6 @@ class Announcements:
     """The present tokens of one network, or of joined segments; thread-safe.
 
     Args:
-        registry: Registry whose adapters read the tokens.
         wanted: Function that tells whether messages of a key are used here, so that its type is needed.
         learnt: Function called with a key whose type was learnt from its users; on a thread that may block.
     """
@@ -56,10 +54,10 @@ class Announcements:
         heard: Any = library_of(session).handlers.Callback(self._take, indirect=False)
         for adapter in self._registry.metadata_adapters():
             self._listeners.append(liveliness.declare_subscriber(adapter.tokens, heard, history=True))
-            for _ in liveliness.get(adapter.tokens, timeout=_ANSWER_S) if wait else ():
+            for _ in liveliness.get(adapter.tokens, timeout=ANSWER_S) if wait else ():
                 pass
         if wait:
-            wait_until(self._learner.idle, _TOLD_S, interval=_LOOK_S)
+            wait_until(self._learner.idle, ANSWER_S, interval=_LOOK_S)
 
     def close(self) -> None:
         """End the subscriptions; safe to call twice."""

@@ -22,7 +22,6 @@ class Scouting:
 
     Attributes:
         interfaces: Network interfaces to use; `auto` is the default of Zenoh sessions.
-        address: Address of the multicast group.
         ttl: Number of hops; 0 keeps the query on this host, 1 lets the local network answer too.
         listen_s: Seconds to wait for answers, which arrive within a few milliseconds.
     """
@@ -42,7 +41,6 @@ class Answer:
     """A session that answered.
 
     Attributes:
-        zid: Id of the session.
         mode: Mode of the session: `client`, `peer` or `router`.
         locators: Endpoints on which it listens; a session without any cannot bypass a router.
         interface: Interface on which it was asked.
@@ -60,9 +58,6 @@ def scout(how: Scouting = THIS_HOST, *, until: Collection[str] = ()) -> Mapping[
     Args:
         how: Settings of scouting.
         until: Ids of sessions; when all of them have answered, others are not waited for.
-
-    Returns:
-        Answers by id, our own sessions included if they listen to scouting.
     """
     import zenoh
 

@@ -24,13 +24,11 @@ class Segment:
     """One isolated router, opened by the constructor.
 
     Args:
-        name: Name of the segment.
         listen: Endpoints to listen on; empty for a free port of this machine.
         connect: Endpoints of external routers and peers to connect to.
         doors: Endpoints to which junctions may connect.
         inner: Endpoints on which junctions will listen, if the segment restricts who may connect.
         hidden: Further endpoints to listen on, for other segments.
-        config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow receiver.
 
     Raises:
@@ -91,11 +89,6 @@ class Segment:
 
 
 def is_open_to_all(listen: Sequence[str], config: Mapping[str, Any]) -> bool:
-    """Return whether any process on this machine, including the junction, may connect to a segment.
-
-    Args:
-        listen: Endpoints that the segment listens on.
-        config: Its Zenoh configuration.
-    """
+    """Return whether any process on this machine, including the junction, may connect to a segment."""
     plain = all(text.startswith("tcp/") for text in list(listen)[:1])
     return plain and not any(key.startswith(("transport/auth", "access_control")) for key in config)

@@ -32,7 +32,6 @@ def _runtime(receivers: int) -> str:
 _OURS = {_runtime(_RECEIVERS)}
 """Values set by `prepare_runtime`, in this process or in the riot process that started it."""
 _FEW_RECEIVERS = 4  # with fewer, three components that flood slow ones block all; a guess
-_ZENOH_RECEIVERS = 2  # Zenoh's default
 _CALLBACKS = "pyo3-closure"
 _CALLBACKS_S = 3.0  # callbacks end soon after their sessions; a hung one delays the end by this; a guess
 _SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
@@ -44,9 +43,6 @@ def prepare_runtime(receivers: int = _RECEIVERS) -> None:
     A receive task that pushes into a full queue blocks its thread, so each component that publishes faster than its
     subscribers receive may block a thread of a router. If none is left for the link to the subscribers, and they
     publish as fast in the other direction, both routers wait until Zenoh closes links. Waiting threads cost little.
-
-    Args:
-        receivers: Number of receive threads of each router.
     """
     if _VARIABLE not in os.environ:
         os.environ[_VARIABLE] = _runtime(receivers)
@@ -80,16 +76,16 @@ def _end_callbacks() -> None:
 
 def _receivers_of(value: str) -> int:
     found = re.search(r"\brx\s*:\s*\([^()]*?worker_threads\s*:\s*(\d+)", value)
-    return int(found.group(1)) if found else _ZENOH_RECEIVERS
+    return int(found.group(1)) if found else 2  # Zenoh's default
 
 
-def free_endpoint(host: str = "127.0.0.1") -> str:
+def free_endpoint() -> str:
     """Return a TCP endpoint that is free now; prefer listening on port 0, which cannot be taken in between."""
     import socket
 
     with socket.socket() as probe:
-        probe.bind((host, 0))
-        return f"tcp/{host}:{probe.getsockname()[1]}"
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def open_session(config: SessionConfig, *, purpose: str, library: Any = None) -> zenoh.Session:
@@ -199,13 +195,7 @@ def intersects(expression: str, other: str) -> bool:
 
 
 def wait_until(condition: Callable[[], bool], timeout: float, *, interval: float = 0.001) -> bool:
-    """Wait until a condition holds; return whether it did before the deadline.
-
-    Args:
-        condition: Function that is called repeatedly; must be cheap.
-        timeout: Longest time to wait, in seconds.
-        interval: Seconds between two calls.
-    """
+    """Wait until a condition holds; return whether it did before the deadline."""
     deadline = time.monotonic() + timeout
     while not condition():
         if time.monotonic() >= deadline:

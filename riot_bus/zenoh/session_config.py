@@ -21,6 +21,9 @@ OWN_CHUNK = "@riot"
 WAIT_BEFORE_CLOSE_S = 5.0
 """How long a BLOCK publication may wait for a slow receiver before Zenoh closes its transport (Zenoh's own default)."""
 
+ANSWER_S = 2.0
+"""How long to wait for answers to a query: one that comes at all comes at once, and one that hangs delays others."""
+
 _CONTROL = b"riot ctl".hex()
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _FLOWS = ["ingress"]  # one direction is enough, and each costs time for all messages on all links
@@ -28,12 +31,7 @@ _CACHES = ["put", "delete", "query", "reply", "declare_subscriber", "declare_que
 
 
 def check_own_name(name: str, kind: str) -> None:
-    """Raise ConfigError if a player or recorder cannot have this name, as part of its key.
-
-    Args:
-        name: The name.
-        kind: Last chunk of the key.
-    """
+    """Raise ConfigError if a player or recorder cannot have this name, as part of its key."""
     if not name or not all(each.isalnum() or each in "-_." for each in name):
         hint = f"letters, digits, '-', '_' and '.': it is part of the key {OWN_CHUNK}/NAME/{kind}"
         raise ConfigError(f"{name!r} is not a name", where="--name", hint=hint)
@@ -46,14 +44,7 @@ def router_config(
     wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
     extra: Mapping[str, Any] | None = None,
 ) -> SessionConfig:
-    """Return the configuration of a router session.
-
-    Args:
-        listen: Endpoints to listen on.
-        connect: Endpoints of the routers to connect to.
-        wait_before_close_s: Longest wait of a BLOCK publication.
-        extra: Further keys; they win.
-    """
+    """Return the configuration of a router session."""
     return {
         "mode": "router",
         "listen/endpoints": list(listen),

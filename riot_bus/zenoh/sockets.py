@@ -29,11 +29,7 @@ def hang_up(accepted: Set[str] = frozenset(), connected: Set[str] = frozenset())
 
 
 def widen(paths: Set[str]) -> None:
-    """Let connections hold several of Zenoh's full batches (64 KiB), as TCP does; Unix sockets hold three at first.
-
-    Args:
-        paths: Paths of the sockets; both ends of their connections are in this process.
-    """
+    """Let connections hold several of Zenoh's full batches (64 KiB), as TCP does; Unix sockets hold three at first."""
     import socket
 
     for end in _ends(paths):

@@ -8,23 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.vocabulary.errors import RiotError
+from riot_bus.zenoh.session_config import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _TLS = "transport/link/tls"
-_TIMEOUT_S = 2.0
-_ALERT_S = 0.5
-"""Seconds to wait for an alert about the client's certificate, which in TLS 1.3 arrives after the handshake."""
 
 
 def why_refused(endpoint: str, config: Mapping[str, Any]) -> str | None:
-    """Return the reason why a handshake fails; None if it succeeds, or if the endpoint is not TLS over TCP.
-
-    Args:
-        endpoint: Endpoint of the router.
-        config: The client's Zenoh configuration, its keys joined by `/`.
-    """
+    """Return the reason why a handshake fails; None if it succeeds, or if the endpoint is not TLS over TCP."""
     try:
         where = parse_endpoint(endpoint, connect=True)
     except RiotError:
@@ -42,10 +35,10 @@ def why_refused(endpoint: str, config: Mapping[str, Any]) -> str | None:
         if setting("connect_certificate"):
             context.load_cert_chain(setting("connect_certificate"), setting("connect_private_key"))
         with (
-            socket.create_connection((where.host, where.port), _TIMEOUT_S) as plain,
+            socket.create_connection((where.host, where.port), ANSWER_S) as plain,
             context.wrap_socket(plain, server_hostname=where.host) as link,
         ):
-            link.settimeout(_ALERT_S)
+            link.settimeout(0.5)  # in TLS 1.3, an alert about the client's certificate comes after the handshake
             link.recv(1)
     except ssl.SSLCertVerificationError as error:
         return f"its certificate is refused: {error.verify_message}"

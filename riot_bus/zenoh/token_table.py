@@ -7,13 +7,12 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.zenoh.convert import is_delete
+from riot_bus.zenoh.session_config import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.zenoh import api as zenoh
-
-_ANSWER_S = 2.0  # routers answer at once; one that hangs delays followers by 4 s
 
 
 class TokenTable:
@@ -26,7 +25,6 @@ class TokenTable:
 
     Args:
         session: A client; nothing else in it has subscribed to these tokens.
-        expression: Key expression of the tokens.
     """
 
     def __init__(self, session: zenoh.Session, expression: str) -> None:
@@ -39,8 +37,8 @@ class TokenTable:
         heard: Any = zenoh.handlers.Callback(self._hear, indirect=False)
         self._subscriber = liveliness.declare_subscriber(expression, heard, history=True)
         unread: Any = zenoh.handlers.Callback(lambda reply: None, drop=ended.set, indirect=False)
-        liveliness.get(expression, unread, timeout=_ANSWER_S)
-        ended.wait(2 * _ANSWER_S)
+        liveliness.get(expression, unread, timeout=ANSWER_S)
+        ended.wait(2 * ANSWER_S)
 
     def follow(self, take: Callable[[str, bool], None]) -> ExitStack:
         """Report the existing tokens, and from then on each change, until the result is closed.

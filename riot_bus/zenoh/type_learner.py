@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.zenoh.attachment_probe import AttachmentProbe
 from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session_config import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +28,6 @@ _LOG = logging.getLogger(__name__)
 _FIRST_S = 0.05  # what a component announces comes in a burst
 _AGAIN_S = (1.0, 5.0, 20.0, 60.0)  # a starting component answers soon; after five questions in 86 s, it is mute
 _LOOK_S = 2.0  # how late a key that is used from now on is noticed; a look goes over all of `_MOST_KEYS`
-_ANSWER_S = 2.0  # a node that never answers holds up the questions for other keys this long
 _MOST_KEYS = 1 << 14  # peers may announce any number of keys; as in `registry`, some MB
 _MOST_PROBES = 64  # each is a subscription in all sessions, whose messages come here: bounds that load
 _MOST_QUESTIONS = 10_000  # in the life of a process: peers that invent types cannot make it ask for ever
@@ -40,11 +40,9 @@ class _Pursuit:
     """State of the search for the type of one key.
 
     Attributes:
-        key: Key whose type is wanted.
         due: Monotonic time of the next attempt, in seconds.
         missing: Whether the type is missing; None before the first attempt.
         asked: Number of attempts with queries.
-        probe: Probe that collects attachments of its messages.
     """
 
     key: str
@@ -63,8 +61,6 @@ class Learner:
     """Learns the types of keys.
 
     Args:
-        registry: Registry whose adapters know which types are missing, whom to ask and how.
-        tokens: Function that returns all present liveliness tokens.
         wanted: Function that tells whether messages of a key are used here.
         learnt: Function called with each key whose type has become known.
 
@@ -190,7 +186,7 @@ class Learner:
                     payload=payload,
                     attachment=attachment,
                     consolidation=zenoh.ConsolidationMode.NONE,
-                    timeout=_ANSWER_S,
+                    timeout=ANSWER_S,
                     allowed_destination=zenoh.Locality.REMOTE,  # not our own stand-ins for services
                     cancellation_token=self._asking,
                 )

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import pytest
 
 from riot_bus.vocabulary.errors import EnvironmentFaultError
-from riot_bus.zenoh.segment_port import Question, SegmentPort, open_port
+from riot_bus.zenoh.segment_port import open_port
 from riot_bus.zenoh.session import free_endpoint, wait_until
+from riot_bus_bridges.host.outer_port import OuterPort, Question
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration
@@ -37,24 +38,24 @@ class Answers:
 
 
 @pytest.fixture
-def ports() -> Iterator[tuple[SegmentPort, SegmentPort, SegmentPort]]:
+def ports() -> Iterator[tuple[OuterPort, OuterPort, OuterPort]]:
     with (
         ZenohProcess("router") as router,
-        open_port(router.locators) as one,
-        open_port([free_endpoint(), *router.locators]) as other,
-        open_port(router.locators) as third,
+        open_port(OuterPort, router.locators) as one,
+        open_port(OuterPort, [free_endpoint(), *router.locators]) as other,
+        open_port(OuterPort, router.locators) as third,
     ):
         yield one, other, third
 
 
-def asked(port: SegmentPort, payload: bytes = b"?") -> Answers:
+def asked(port: OuterPort, payload: bytes = b"?") -> Answers:
     answers = Answers()
     port.ask(KEY, payload, b"attached", answers.take)
     return answers
 
 
 def test_the_first_answer_counts_though_another_server_is_slow(
-    ports: tuple[SegmentPort, SegmentPort, SegmentPort],
+    ports: tuple[OuterPort, OuterPort, OuterPort],
 ) -> None:
     one, other, third = ports
     waiting: list[Question] = []
@@ -75,7 +76,7 @@ def test_the_first_answer_counts_though_another_server_is_slow(
     assert answers.wait(2, 0.5) == [b"?attached"]
 
 
-def test_nobody_and_errors_are_no_answer(ports: tuple[SegmentPort, SegmentPort, SegmentPort]) -> None:
+def test_nobody_and_errors_are_no_answer(ports: tuple[OuterPort, OuterPort, OuterPort]) -> None:
     one, other, _ = ports
     assert asked(one).wait() == [None]
     served_by = other.serve(KEY, lambda question: question.fail("broken"))
@@ -83,7 +84,7 @@ def test_nobody_and_errors_are_no_answer(ports: tuple[SegmentPort, SegmentPort, 
     served_by.close()
 
 
-def test_what_is_given_up_ends_nowhere(ports: tuple[SegmentPort, SegmentPort, SegmentPort]) -> None:
+def test_what_is_given_up_ends_nowhere(ports: tuple[OuterPort, OuterPort, OuterPort]) -> None:
     one, other, _ = ports
     waiting: list[Question] = []
     one.serve(KEY, waiting.append)
@@ -109,7 +110,7 @@ def test_what_is_given_up_ends_nowhere(ports: tuple[SegmentPort, SegmentPort, Se
 
 
 def test_tokens_that_are_there_are_told_before_watch_returns(
-    ports: tuple[SegmentPort, SegmentPort, SegmentPort],
+    ports: tuple[OuterPort, OuterPort, OuterPort],
 ) -> None:
     one, other, _ = ports
     tokens = {f"@x/{number}" for number in range(50)}
@@ -134,7 +135,7 @@ def test_tokens_that_are_there_are_told_before_watch_returns(
 
 
 def test_who_stops_watching_tokens_is_told_no_more_and_others_are(
-    ports: tuple[SegmentPort, SegmentPort, SegmentPort],
+    ports: tuple[OuterPort, OuterPort, OuterPort],
 ) -> None:
     one, other, _ = ports
     former: list[tuple[str, bool]] = []
@@ -154,11 +155,11 @@ def test_who_stops_watching_tokens_is_told_no_more_and_others_are(
 
 def test_nobody_there_is_an_error() -> None:
     with pytest.raises(EnvironmentFaultError):
-        open_port([free_endpoint()])
+        open_port(OuterPort, [free_endpoint()])
 
 
 def test_what_is_collected_comes_in_its_order_and_none_is_left_behind(
-    ports: tuple[SegmentPort, SegmentPort, SegmentPort],
+    ports: tuple[OuterPort, OuterPort, OuterPort],
 ) -> None:
     one, other, _ = ports
     turns: list[list[tuple[bytes, bytes | None]]] = []

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from riot_bus.control.bypass import Bypass, BypassFinder, BypassWatch
+from riot_bus.control.bypass import Bypass, BypassWatch, find_bypasses
 from riot_bus.doctor.checks import check
 from riot_bus.router.bus import Bus
 from riot_bus.zenoh.scouting import Scouting, scout
@@ -48,7 +48,9 @@ def finds(bus: Bus, kind: str, *processes: ZenohProcess, scouting: Scouting | No
     found: list[Bypass] = []
 
     def there() -> bool:
-        found[:] = [each for each in BypassFinder(bus).look(scouting) if each.kind == kind]
+        found[:] = [
+            each for each in find_bypasses(bus, {} if scouting is None else scout(scouting)) if each.kind == kind
+        ]
         return any(wanted <= zids(each) for each in found)
 
     assert wait_until(there, 60, interval=0.02), found
@@ -69,7 +71,7 @@ def test_components_that_keep_to_their_segments_are_no_alarm(bus: Bus, group: st
         for each, segment in ((one, "outside"), (two, "outside"), (three, "outside"), (four, "inside")):
             connected(bus, segment, each)
         assert wait_until(lambda: three.zid in two.do("transports", ""), 60)  # peers of one segment may
-        assert BypassFinder(bus).look(Scouting(address=group)) == []
+        assert find_bypasses(bus, scout(Scouting(address=group))) == []
 
 
 def test_peers_that_find_each_other_by_multicast_are_named(bus: Bus, group: str) -> None:
@@ -163,11 +165,10 @@ def test_a_look_is_cheap(bus: Bus) -> None:
     with ZenohProcess("client", bus.endpoint("outside")) as one, ZenohProcess("peer", bus.endpoint("inside")) as two:
         connected(bus, "outside", one)
         connected(bus, "inside", two)
-        finder = BypassFinder(bus)
-        finder.look(None)
+        find_bypasses(bus, {})
         before = time.thread_time()
         for _ in range(10):
-            assert finder.look(None) == []
+            assert find_bypasses(bus, {}) == []
         assert (time.thread_time() - before) / 10 < 0.1  # some milliseconds, on a machine that has time
 
 

@@ -16,6 +16,7 @@ from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import wait_until
 from riot_bus_bridges.host.inner import InnerPort
+from riot_bus_bridges.host.local_ingress import InnerNetwork
 from tests.integration.fault_tools import subscribed
 
 pytestmark = pytest.mark.integration
@@ -44,7 +45,8 @@ def bus() -> Iterator[Bus]:
 
 
 def test_order_is_kept_while_interceptors_come_and_go(bus: Bus) -> None:
-    one, two = InnerPort(bus, "one"), InnerPort(bus, "two")
+    network = InnerNetwork(bus)
+    one, two = InnerPort(network, "one"), InnerPort(network, "two")
     got: list[tuple[bytes, bytes | None]] = []
     two.collect("a/*", got.extend)
     outlet = one.publisher(KEY, reliable=True)
@@ -76,7 +78,8 @@ def test_order_is_kept_while_interceptors_come_and_go(bus: Bus) -> None:
 
 
 def test_counts_and_hits_of_what_is_rewritten_are_those_of_a_look(bus: Bus) -> None:
-    one, two = InnerPort(bus, "one"), InnerPort(bus, "two")
+    network = InnerNetwork(bus)
+    one, two = InnerPort(network, "one"), InnerPort(network, "two")
     got: list[bytes] = []
     two.subscribe("a/*", lambda payload, attachment: got.append(payload))
     injector = Injector([Injection(KEY, "x", 7)])
@@ -95,7 +98,8 @@ def test_counts_and_hits_of_what_is_rewritten_are_those_of_a_look(bus: Bus) -> N
 
 
 def test_many_at_once_go_as_one_by_one(bus: Bus) -> None:
-    one, two = InnerPort(bus, "one"), InnerPort(bus, "two")
+    network = InnerNetwork(bus)
+    one, two = InnerPort(network, "one"), InnerPort(network, "two")
     got: list[tuple[bytes, bytes | None]] = []
     seen: list[bytes] = []
     two.collect("**", got.extend)
@@ -127,7 +131,8 @@ def test_many_at_once_go_as_one_by_one(bus: Bus) -> None:
 
 
 def test_everybody_hears_once_what_others_put(bus: Bus) -> None:
-    one, two = InnerPort(bus, "one"), InnerPort(bus, "two")
+    network = InnerNetwork(bus)
+    one, two = InnerPort(network, "one"), InnerPort(network, "two")
     got: dict[str, list[bytes]] = {"one": [], "two": [], "observer": []}
     one.subscribe("**", lambda payload, attachment: got["one"].append(payload))
     two.subscribe("**", lambda payload, attachment: got["two"].append(payload))
@@ -146,7 +151,8 @@ def test_everybody_hears_once_what_others_put(bus: Bus) -> None:
 
 
 def test_who_has_gone_hears_no_more(bus: Bus) -> None:
-    one, two = InnerPort(bus, "one"), InnerPort(bus, "two")
+    network = InnerNetwork(bus)
+    one, two = InnerPort(network, "one"), InnerPort(network, "two")
     got: list[bytes] = []
     listening = two.subscribe("a/*", lambda payload, attachment: got.append(payload))
     outlet = one.publisher(KEY, reliable=False)

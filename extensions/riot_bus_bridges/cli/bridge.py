@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.control.terminal import Foreground
-    from riot_bus.zenoh.segment_port import SegmentPort
     from riot_bus_bridges.bridging import Bridge, LinkedBridge, OwnRouter
+    from riot_bus_bridges.host.outer_port import OuterPort
     from riot_bus_bridges.host.running import Program
 
 BRIDGES = PluginKind("bridge", "riot_bus.bridges")
@@ -146,10 +146,11 @@ def _places(texts: Sequence[str], endpoint: str | None) -> dict[str, str | None]
 
 
 @contextmanager
-def _port(endpoints: Sequence[str], config: Mapping[str, Any]) -> Iterator[SegmentPort]:
+def _port(endpoints: Sequence[str], config: Mapping[str, Any]) -> Iterator[OuterPort]:
     from riot_bus.zenoh.segment_port import open_port
+    from riot_bus_bridges.host.outer_port import OuterPort
 
-    with open_port(endpoints, config=config) as port:
+    with open_port(OuterPort, endpoints, config=config) as port:
         yield port
 
 

@@ -8,21 +8,21 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.router.advanced.proxy_publisher import StoreFilter
-from riot_bus.router.audience import Audience, Inner
 from riot_bus.vocabulary.message import Qos
 from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
-from riot_bus.zenoh.segment_port import message_of, put_one_by_one
+from riot_bus.zenoh.segment_port import message_of
 from riot_bus.zenoh.session import release
+from riot_bus_bridges.host.audience import Audience, Inner
+from riot_bus_bridges.host.outer_port import put_one_by_one
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus.router.bus import Bus
-    from riot_bus.router.local_ingress import IngressKey
     from riot_bus.types.port import Take
     from riot_bus.zenoh import api as zenoh
+    from riot_bus_bridges.host.local_ingress import IngressKey, InnerNetwork
 
 _LOG = logging.getLogger(__name__)
 
@@ -63,15 +63,16 @@ class InnerPort:
     """A segment as a bridge in the router's own process sees it; it ends with the bus.
 
     A message on an intercepted key goes to the other segments, and to their listeners in this process, on the thread
-    that publishes it, unless an interceptor has to look at it. Otherwise it works like `SegmentPort`, which describes
+    that publishes it, unless an interceptor has to look at it. Otherwise it works like `OuterPort`, which describes
     the arguments of the methods.
     """
 
-    def __init__(self, bus: Bus, segment: str) -> None:
-        self._bus, self._segment = bus, segment
+    def __init__(self, network: InnerNetwork, segment: str) -> None:
+        bus = network.bus
+        self._network, self._segment = network, segment
         self._session, self._zid = bus.segment(segment).session, bus.segment(segment).zid
         self.endpoint = redacted(bus.endpoint(segment))
-        self._ingress = bus.local_ingress(segment)
+        self._ingress = network.ingress(segment)
         # Recorders of a router with one segment listen on this same session, and so does this port.
         self._speaking = threading.local() if len(bus.sessions) == 1 else None
 
@@ -142,5 +143,5 @@ class InnerPort:
         subscriber = self._session.declare_subscriber(expression, handler)
         listening = ExitStack()  # undone from the end
         listening.callback(release, subscriber)
-        listening.callback(self._bus.listen(self._segment, Inner(zenoh.KeyExpr(expression), give)))
+        listening.callback(self._network.listen(self._segment, Inner(zenoh.KeyExpr(expression), give)))
         return listening

@@ -124,10 +124,12 @@ def run_own_router(
     """
     from riot_bus.control.router_process import report_end, router_of
     from riot_bus_bridges.host.inner import InnerPort
+    from riot_bus_bridges.host.local_ingress import InnerNetwork
 
     with router_of(options, warn=foreground.warn) as service:
         with ExitStack() as closing, service:
-            bridge = bridge_of({name: InnerPort(service.bus, name) for name in service.settings.segments})
+            network = InnerNetwork(service.bus)
+            bridge = bridge_of({name: InnerPort(network, name) for name in service.settings.segments})
             service.bus.show(bridge.links)
             looks = _looks(service, bridge)
             start = None if program is None else partial(program, bridge)

@@ -16,7 +16,7 @@ import threading
 from collections import Counter
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 from riot_bus_bridges.mavlink.sequences import MOST_IDS
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from riot_bus.types.port import Closeable, PortPublisher
     from riot_bus.vocabulary.message import Scalar
     from riot_bus_bridges.mavlink.sequences import OwnStreams
+    from riot_bus_bridges.port import BridgePort
     from riot_bus_mavlink.definitions import FieldText, MessageTable
     from riot_bus_mavlink.dialect import Dialect
 
@@ -37,30 +38,6 @@ IN, OUT = "mavlink/in", "mavlink/out"
 ENCODING = "application/json;mavlink"
 _MARK = b"mavlink-json-1"
 _RENAMED = {"type": "mavtype"}
-
-
-class BridgePort(Protocol):
-    """A segment in which to publish and subscribe; implemented by `riot_bus_bridges.host.inner`."""
-
-    @property
-    def endpoint(self) -> str:
-        """Endpoint for display, without the part after `#`."""
-
-    def publisher(
-        self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
-    ) -> PortPublisher:
-        """Return a new publisher."""
-
-    def put_all(self, outlets: Sequence[PortPublisher], payloads: Sequence[bytes], attachment: bytes) -> int:
-        """Publish many messages, each with one of this port's publishers; return how many could not be published."""
-
-    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
-        """Subscribe to messages of others."""
-
-    def collect(self, expression: str, take: Callable[[list[tuple[bytes, bytes | None]]], None]) -> Closeable:
-        """Subscribe to messages of others, taking several at once."""
-
-
 
 
 class JsonForm:

@@ -26,7 +26,8 @@ from riot_bus_ros2.keys import build_data_key
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.types.port import Closeable, PortQuery, SegmentAccess
+    from riot_bus.types.port import Closeable
+    from riot_bus_bridges.port import OuterAccess, PortQuery
     from riot_bus_bridges.ros2.graph import DomainGraph
     from riot_bus_bridges.ros2.node import NodeProcess
     from riot_bus_bridges.ros2.plan import DownPlan, UpPlan
@@ -46,7 +47,7 @@ class RouteContext:
     """
 
     node: NodeProcess
-    port: SegmentAccess
+    port: OuterAccess
     latched: int
     changed: Callable[[], None]
     is_own: Callable[[bytes | None], bool]

@@ -18,6 +18,7 @@ from riot_bus.router.advanced.source import announced
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
+from riot_bus.zenoh.session_config import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from riot_bus.router.worker import Worker
     from riot_bus.zenoh import api as zenoh
 
-_TIMEOUT_S = 2.0  # own caches answer at once; by default, Zenoh ends queries after 10 s
 _PATIENCE_S = 1.0  # a history takes little more than the 0.25 s of `history_mirror._UNDER_WAY_S`
 _AGAIN_S = 0.01  # a look compares a few flags: at most a hundred looks within `_PATIENCE_S`
 
@@ -36,8 +36,6 @@ class Answers:
     """Answers to such queries in every segment.
 
     Args:
-        sessions: The segments' own sessions.
-        worker: Worker that waits for publishers whose history is not there yet.
         find: Function that returns the states of a session's publishers, by key and id of the session.
     """
 
@@ -103,7 +101,7 @@ class Answers:
             consolidation=zenoh.ConsolidationMode.NONE,
             accept_replies=zenoh.ReplyKeyExpr.ANY,
             allowed_destination=zenoh.Locality.SESSION_LOCAL,
-            timeout=_TIMEOUT_S,
+            timeout=ANSWER_S,
         )
 
 

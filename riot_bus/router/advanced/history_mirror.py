@@ -36,16 +36,12 @@ _MOST_LOOKS = (
 _RECOVERED_S = 1.5  # three heartbeats of 0.5 s, to notice a gap and query; not measured
 _PATIENCE_S = 0.005  # a slow receiver keeps the worker from other publishers for as long
 _FAILURES = 3  # one or two queries may time out by chance, after 2 s each
-_STAND_IN = 1 << 30  # fits into the 32 bits of an entity's id, far above those that a session counts up
 
 
 class HistoryMirror:
     """Execution of the tasks of publishers.
 
     Args:
-        deliveries: Queue that takes messages through the interceptors.
-        worker: Worker that runs the tasks.
-        upstream: Access to the publishers' caches.
         fence: Function that returns a test, to be asked twice, whether forwarders have taken all that has come from a
             segment.
     """
@@ -59,7 +55,7 @@ class HistoryMirror:
         fence: Callable[[str], Callable[[], bool]],
     ) -> None:
         self._deliveries, self._worker, self._upstream, self._fence = deliveries, worker, upstream, fence
-        self._numbers = itertools.count(_STAND_IN)
+        self._numbers = itertools.count(1 << 30)  # 32 bits are room for this, far above what a session counts up to
 
     # -- tasks --------------------------------------------------------------------------------------------------------
 
@@ -158,15 +154,7 @@ class HistoryMirror:
     def _adopt_behind(
         self, state: PublisherState, taken: Callable[[], bool], adopt: Callable[[], None], seen: int, left: int
     ) -> None:
-        """Adopt the history once forwarders have taken what came in before it, which may take long on a busy machine.
-
-        Args:
-            state: State of the publisher.
-            taken: Function that returns whether they have.
-            adopt: Function that adopts it; not needed any more when the first live sample has come.
-            seen: Number of times in a row that they had.
-            left: Number of checks that are left.
-        """
+        """Adopt the history once forwarders have taken what came in before it, which may take long."""
         if state.on_first is None:
             return
         seen = seen + 1 if taken() else 0
@@ -183,9 +171,9 @@ class HistoryMirror:
         if found.asked and found.complete and samples and samples[0][0] > (0 if source.numbered else first):
             depth = len(samples)  # what was before them is gone
         state.depth = depth
-        for name, session in self._deliveries.sessions.items():
+        for name, session in self._deliveries.access.sessions.items():
             if name != source.segment:
-                state.outlets[name] = ProxyPublisher(self._deliveries.outlets[name], session, source.key, depth)
+                state.outlets[name] = ProxyPublisher(self._deliveries.access.outlets[name], session, source.key, depth)
         history = [each for each in samples if state.first is None or each[0] < state.first]
         self._feed(state, history, partial(self._opened, state, bool(history)))
 
@@ -209,7 +197,7 @@ class HistoryMirror:
             self._locked(state, then)
             return
         stored, sample = claimed[0]
-        message = self._deliveries.converters[state.source.segment](sample)
+        message = self._deliveries.access.converters[state.source.segment](sample)
         stored.result = self._deliveries.replay(message, self._worker)
         claimed.popleft()
         more = partial(self._worker.do, partial(self._step, state, partial(self._feed_next, state, claimed, then)))

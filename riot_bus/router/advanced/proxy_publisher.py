@@ -22,9 +22,6 @@ class ProxyPublisher:
     """Proxy in one segment for an advanced publisher of another; calls are serialised by `PublisherState`.
 
     Args:
-        outlets: Outlets to publish to.
-        session: The segment's own session.
-        key: The publisher's key.
         depth: Number of samples to keep, 0 for no cache, None if unknown.
     """
 
@@ -47,13 +44,9 @@ class ProxyPublisher:
             allowed_destination=self._library.Locality.SESSION_LOCAL,
         )
         self._depth, self._next, self._beaten = depth, 0, 0
-        self._suffix = f"{self._key}/@adv/pub/{self._cache.id.zid}/{self._cache.id.eid}/_"
-        pin(self._session, self._suffix)  # subscribers query this key after a token, even if the cache is replaced
-
-    @property
-    def cache(self) -> str:
+        self.cache = f"{self._key}/@adv/pub/{self._cache.id.zid}/{self._cache.id.eid}/_"
         """Key on which the cache answers."""
-        return self._suffix
+        pin(self._session, self.cache)  # subscribers query this key after a token, even if the cache is replaced
 
     def announce(self, number: int, *, again: bool) -> None:
         """Show a token.
@@ -63,7 +56,7 @@ class ProxyPublisher:
             again: Whether present subscribers have had the history, so that the token must not lead to it.
         """
         self._quiet = again
-        key = f"{self._key}/@adv/pub/{self._cache.id.zid}/{number}/_" if again else self._suffix
+        key = f"{self._key}/@adv/pub/{self._cache.id.zid}/{number}/_" if again else self.cache
         self._token = self._session.liveliness().declare_token(key)
 
     def store(self, message: Message, stamp: Any) -> int:
@@ -112,7 +105,7 @@ class ProxyPublisher:
             self._beaten = self._next
             number: Any = ext.UInt32(self._next - 1)
             block = self._library.CongestionControl.BLOCK
-            self._session.put(self._suffix, ext.z_serialize(number).to_bytes(), congestion_control=block)
+            self._session.put(self.cache, ext.z_serialize(number).to_bytes(), congestion_control=block)
 
     def resize(self, depth: int) -> None:
         """Keep only the last samples from now on, in another cache, which present subscribers should not query."""
@@ -132,9 +125,6 @@ class StoreFilter:
     """Filter of samples that are only stored, for observers within the router, which alone receive puts into caches.
 
     Numbers of one cache grow, and each sample is stored before it is sent.
-
-    Args:
-        zid: Id of the observed session.
     """
 
     def __init__(self, zid: str) -> None:

@@ -18,6 +18,7 @@ from riot_bus.router.worker import Worker
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release, wait_until
+from riot_bus.zenoh.session_config import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,9 +30,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _BEAT_S = 0.5  # how late subscribers hear of a lost last sample; a beat visits all publishers
-_END_S = 5.0  # longer than the two queries, of 2 s each, that an earlier task may make
-_TOKENS_S = 2.0  # a router knows its tokens and answers at once; callers wait for it
-_ASK_AGAIN_S = 5.0  # longer than a query (2 s), so that a key has only one at a time
+_END_S = ANSWER_S * 2.5  # longer than the two queries that an earlier task may make
 _MOST_ASKED = 1 << 16  # an entry takes about 300 bytes: bounds memory at about 20 MiB
 _MOST_UNASKED = 1 << 13  # at 320 keys a second (see below), the last one waits 26 s
 _ASK_AT_ONCE = 16  # with `_ASK_PAUSE_S` 320 keys a second: a query costs Zenoh more with more publishers
@@ -45,7 +44,6 @@ class PublisherProxies:
     """Proxies, in the other segments, for the advanced publishers of intercepted keys.
 
     Args:
-        deliveries: Queue that takes messages through the interceptors.
         changed: Function called, on a thread that must not be held up, when another key has an advanced publisher.
         fence: Function that returns a test, to be asked twice, whether forwarders have taken all that has come from a
             segment.
@@ -61,7 +59,7 @@ class PublisherProxies:
         self.keys: dict[str, dict[AdvancedSource, PublisherState]] = {}
         """Keys that have advanced publishers."""
         self._deliveries, self._changed = deliveries, changed
-        self._sessions = sessions = deliveries.sessions
+        self._sessions = sessions = deliveries.access.sessions
         self._own = {str(session.info.zid()) for session in sessions.values()}
         self._lock = threading.Lock()
         self._watched: dict[str, list[Any]] = {}
@@ -148,7 +146,7 @@ class PublisherProxies:
                     self._state_for(known[0])
             else:
                 now = time.monotonic()
-                if now - self._asked.get((segment, key), -_ASK_AGAIN_S) >= _ASK_AGAIN_S:
+                if now - self._asked.get((segment, key), -_END_S) >= _END_S:  # a key has only one query at a time
                     _remember(self._asked, (segment, key), now, _MOST_ASKED)
                     self._unasked.append((segment, key))
                     if not self._asking:
@@ -159,14 +157,10 @@ class PublisherProxies:
     def take(self, segment: str, sample: zenoh.Sample) -> Message | None:
         """Take a live message of a key that concerns us; safe to call twice for the same one.
 
-        Args:
-            segment: Segment that it came from.
-            sample: The sample that came in.
-
         Returns:
             The message, None if nothing is left to do with it.
         """
-        message = self._deliveries.converters[segment](sample)
+        message = self._deliveries.access.converters[segment](sample)
         known = source_of(segment, sample)
         state = self._state_for(known[0]) if known is not None else None
         if known is None or state is None:
@@ -240,7 +234,7 @@ class PublisherProxies:
         found = []
         for name, session in self._sessions.items():
             near = self._connected(name)
-            for reply in session.liveliness().get(text, timeout=_TOKENS_S):
+            for reply in session.liveliness().get(text, timeout=ANSWER_S):
                 if reply.ok is not None:
                     source = announced(name, str(reply.ok.key_expr))
                     found.append((source is None or source.zid not in near, name, reply.ok))

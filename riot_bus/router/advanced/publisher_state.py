@@ -38,12 +38,7 @@ class Task(NamedTuple):
 
 @dataclass(slots=True)
 class Stored:
-    """A sample of a history: the result of the interceptors, and the numbers under which it was stored.
-
-    Attributes:
-        result: Result of the interceptors; None before they have run.
-        places: Proxy, message, number and timestamp of each stored message.
-    """
+    """A sample of a history: the result of the interceptors, and the numbers under which it was stored."""
 
     result: Result | None = None
     places: list[tuple[ProxyPublisher, Message, int, Any]] = field(default_factory=list)
@@ -69,7 +64,6 @@ class PublisherState:
     """One advanced publisher. All but `tasks` and `ended` is guarded by `lock`.
 
     Args:
-        source: The publisher.
         again: Whether subscribers have had its history.
         token: Whether it shows a liveliness token.
     """
@@ -208,11 +202,7 @@ class PublisherState:
 
 @dataclass(frozen=True, slots=True)
 class Relayed(Message):
-    """A message of an advanced publisher; interceptors' changed versions of it belong to the same publisher.
-
-    Attributes:
-        state: State of the publisher.
-    """
+    """A message of an advanced publisher; interceptors' changed versions of it belong to the same publisher."""
 
     state: PublisherState | None = field(default=None, compare=False, repr=False)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.router.advanced.source import source_of
 from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session_config import ANSWER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from riot_bus.router.worker import Worker
     from riot_bus.zenoh import api as zenoh
 
-_TIMEOUT_S = 2.0  # live messages wait as long for a cache that never answers
 _MOST_BYTES = 1 << 28  # of the answers to a query: what a reader of logs holds at most (`LogLimits.held`)
 _SAMPLE_BYTES = 1 << 10  # of an answer besides its payload, generously: its Python objects
 _CHANNEL = 1 << 16  # answers until the next look; a full channel would block a thread of Zenoh's
@@ -39,24 +39,13 @@ class CacheAnswer(NamedTuple):
 
 
 class Upstream:
-    """Queries without waiting: a cache that is slow, or never answers, delays only its own publisher's messages.
-
-    Args:
-        sessions: The segments' own sessions.
-        worker: Worker that continues when the answers are there.
-    """
+    """Queries without waiting: a cache that is slow, or never answers, delays only its own publisher's messages."""
 
     def __init__(self, sessions: Mapping[str, zenoh.Session], worker: Worker) -> None:
         self._sessions, self._worker = sessions, worker
 
     def ask(self, source: AdvancedSource, parameters: str, then: Callable[[CacheAnswer], None]) -> None:
-        """Query one publisher's cache.
-
-        Args:
-            source: The publisher.
-            parameters: Selection of samples, such as `?_sn=3..4`; all if empty.
-            then: Function that the worker calls with the answer.
-        """
+        """Query one publisher's cache for all samples, or for some by parameters such as `?_sn=3..4`."""
         zenoh = library_of(self._sessions[source.segment])
         samples: list[tuple[int, Any]] = []
         failed, room = False, _MOST_BYTES
@@ -86,11 +75,6 @@ class Upstream:
         This happens for every new key, and nothing waits for it, so the answers are polled. A callback would slow down
         the whole segment: once a Zenoh thread has dropped one, every call into this copy of the library looks for
         Python objects to drop (pyo3 0.25), and a forwarder makes about fifteen calls for each message.
-
-        Args:
-            segment: Segment that is queried.
-            selector: Key expression of the caches.
-            then: Function that the worker calls with the publisher of each sample.
         """
         handlers = library_of(self._sessions[segment]).handlers
         channel = self._get(segment, selector, handlers.FifoChannel(_CHANNEL))
@@ -117,5 +101,5 @@ class Upstream:
             consolidation=zenoh.ConsolidationMode.NONE,
             accept_replies=zenoh.ReplyKeyExpr.ANY,
             allowed_destination=zenoh.Locality.REMOTE,
-            timeout=_TIMEOUT_S,
+            timeout=ANSWER_S,
         )

@@ -29,7 +29,6 @@ class Call:
         questions: Queries sent to services that have not ended yet.
         pending: Number of these queries and of messages in transit.
         silent: Whether a message was dropped; then the caller is not told of the end, as if the message were lost.
-        over: Whether the call has ended.
         size: Size of the payload in bytes.
     """
 
@@ -56,15 +55,7 @@ def payload_of(thing: Any) -> bytes:
 
 
 def reply_to(query: Any, key: str, part: str, message: Message, *, stamp: zenoh.Timestamp | None = None) -> None:
-    """Answer a query with a message.
-
-    Args:
-        query: The `zenoh.Query` to answer.
-        key: Key of the reply.
-        part: Part of the call that the message is: a reply or an error.
-        message: Message with payload, encoding and attachment; a delete is answered as a delete.
-        stamp: Timestamp that the service gave the reply, if any; replies are consolidated by it.
-    """
+    """Answer a query with a message."""
     encoding = message.encoding or _DEFAULT_ENCODING
     if part == ERROR:
         query.reply_err(message.payload, encoding=encoding)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
 
 _LOG = logging.getLogger(__name__)
-_FOREVER_S = 30 * 86_400.0  # Zenoh needs a limit (10 s by default); no caller waits for a month
 _QOS = Qos()
 
 
@@ -54,9 +53,6 @@ class CallForwarder:
     pipeline. A caller is told that its call has ended when all services that were asked have ended it.
 
     Args:
-        segment: Name of the segment.
-        expression: Key expression of the services.
-        deliveries: Queue that takes messages through the interceptors.
         owner: Function that returns which of several overlapping expressions a key belongs to.
         asked: Function of a calling segment and a key that returns the other segments that may have a service for it:
             True to ask only queryables that are declared as complete there (`QueryTarget.ALL_COMPLETE`), False to ask
@@ -145,7 +141,7 @@ class CallForwarder:
             None if query.attachment is None else query.attachment.to_bytes(),
             _QOS,
             self.segment,
-            next(self._deliveries.sequence),
+            next(self._deliveries.access.sequence),
             parameters=str(query.parameters),
         )
         result = self._deliveries.result(request, self._worker, tuple(targets))
@@ -184,9 +180,7 @@ class CallForwarder:
 
     def _settle(self, call: Call, result: Result, stamp: zenoh.Timestamp | None) -> None:
         """Deliver a result: requests and replies go on in the call, all other messages are published."""
-        recorder = self._deliveries.recorder
-        if recorder is not None and result.changes:
-            recorder.original(result.original, result.changes)
+        self._deliveries.record_original(result)
         own = [each for each in result.emissions if part_of(each.message.key) is not None]
         others = tuple(each for each in result.emissions if part_of(each.message.key) is None)
         if others:
@@ -223,14 +217,12 @@ class CallForwarder:
             _LOG.warning("a message of %s could not be passed on: %s", message.key, error)
             self._deliveries.lose(key, "not published")
         else:
-            recorder = self._deliveries.recorder
-            if recorder is not None and not call.over:
-                late = message.with_(time=emission.due) if emission.due > message.time else message
-                recorder.delivered(late, emission.changes)
+            if not call.over:
+                self._deliveries.record_delivered(emission, message)
         self._ended(call)
 
     def _ask(self, call: Call, key: str, message: Message, target: str) -> None:
-        session = self._deliveries.sessions[target]
+        session = self._deliveries.access.sessions[target]
         zenoh = library_of(session)
         query, payload, complete = call.query, call.payload(message), zenoh.QueryTarget.ALL_COMPLETE
         call.pending += 1
@@ -246,7 +238,7 @@ class CallForwarder:
                 zenoh.handlers.Callback(partial(self._replied, call, target), drop=ended, indirect=False),
                 target=complete if call.targets.get(target) else zenoh.QueryTarget.BEST_MATCHING,
                 consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=_FOREVER_S,  # the caller's own timeout counts, which is not known here
+                timeout=30 * 86_400.0,  # a month: the caller's own timeout counts, which is not known here
                 payload=payload,
                 encoding=None if payload is None else zenoh.Encoding(message.encoding or "zenoh/bytes"),
                 attachment=message.attachment,

@@ -21,9 +21,7 @@ class ServiceOffer:
     domain, type and hash, which the token of its server tells.
 
     Args:
-        session: A segment's own session.
         service: Name of the service, such as `map/size` or `/get_map`, without wildcards.
-        registry: Registry that knows the service's key and reads tokens.
 
     Raises:
         ConfigError: The name is not that of a service.

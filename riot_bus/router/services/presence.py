@@ -32,11 +32,7 @@ class Presence:
     services exist. A call that finds no service ends at once.
 
     Args:
-        expression: Key expression of the services.
-        sessions: The segments' own sessions.
-        take: By segment, the function that takes the queries of its components.
         served: Whether all services that the expression matches are complete.
-        worker: Worker for what must not be done on Zenoh's threads.
     """
 
     def __init__(
@@ -86,12 +82,7 @@ class Presence:
         release(*(each for _, each in stand_ins.values()), *others)
 
     def asked(self, segment: str, key: str) -> dict[str, bool]:
-        """Return the other segments that may have a service for a key, and whether to ask only complete ones.
-
-        Args:
-            segment: Segment of the caller.
-            key: Key or key expression.
-        """
+        """Return the other segments that may have a service for a key, and whether to ask only complete ones."""
         others = [name for name in self._sessions if name != segment]
         if "*" in key:
             return dict.fromkeys(others, False)
@@ -144,13 +135,7 @@ class Presence:
 
 
 def silent_querier(session: zenoh.Session, expression: str, *, complete: bool = False) -> Any:
-    """Return a querier that never asks: its matching status tells whether others serve an expression.
-
-    Args:
-        session: Session of the querier.
-        expression: Key, or key expression that a service has to include completely.
-        complete: Whether only complete services count.
-    """
+    """Return a querier that never asks: its matching status tells whether others serve an expression."""
     zenoh = library_of(session)
     pin(session, expression)
     return session.declare_querier(

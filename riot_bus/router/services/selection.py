@@ -16,10 +16,6 @@ if TYPE_CHECKING:
 def service_keys(names: Iterable[str], registry: TypeRegistry) -> list[str]:
     """Return the keys to intercept for services and actions, as a user could write them.
 
-    Args:
-        names: Names or key expressions; an action stands for all its services and topics.
-        registry: Registry whose adapters know the parts of actions.
-
     Example:
         `/fibonacci` of ROS: `/fibonacci/@request`, `/fibonacci/_action/*/@request`, `/fibonacci/_action/*`
     """

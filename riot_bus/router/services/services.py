@@ -22,12 +22,11 @@ class Services:
     """Stands in for the selected services of each segment in the others, which the junction keeps apart.
 
     Args:
-        deliveries: Queue that takes messages through the interceptors.
         spaces: Key expressions of complete services (`HasServices.services`).
     """
 
     def __init__(self, deliveries: DeliveryQueue, *, spaces: Sequence[str] = ()) -> None:
-        self._deliveries, self._sessions, self._spaces = deliveries, deliveries.sessions, spaces
+        self._deliveries, self._sessions, self._spaces = deliveries, deliveries.access.sessions, spaces
         self._claims = Claims([])
         self._present: dict[str, tuple[Presence, list[CallForwarder]]] = {}
         self._retired: list[CallForwarder] = []

@@ -188,7 +188,7 @@ def test_a_recording_that_is_being_started_does_not_go_on_after_a_stop(
         assert router.record_stop()["file"] == str(tmp_path / "a.mcap")
     assert failed == ["a"]
     assert router.status()["recording"] is None
-    assert router.bus._recorder is None
+    assert router.bus._deliveries.surroundings.recorder is None
     assert router.record_start("b.mcap") == {"file": str(tmp_path / "b.mcap")}
 
 
@@ -201,7 +201,7 @@ def test_the_keys_of_a_router_are_counted_over_all_questions(router: RouterServi
     for _ in range(3):
         assert router.intercept_add(["k/1", "k/2"]) == ["cut/**", "k/1", "k/2"]
         assert router.intercept_remove(["k/1", "k/2"]) == ["cut/**"]
-    assert router.bus._retired == []  # else `status` took longer after each change
+    assert router.bus._cut._retired == []  # else `status` took longer after each change
     with pytest.raises(ConfigError, match="more than 256 key expressions"):
         router.plan_load("".join(PLAN.format(f"cut/plan{number}") for number in range(100)), "p")
 

@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.zenoh.segment_port import put_one_by_one
+from riot_bus_bridges.host.outer_port import put_one_by_one
 from riot_bus_bridges.links.end import End
 from riot_bus_bridges.mavlink.routing import Routes
 from riot_bus_bridges.mavlink.sequences import OwnStreams

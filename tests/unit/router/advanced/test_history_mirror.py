@@ -109,9 +109,11 @@ class Scene:
         """Whether forwarders have taken all that came in."""
         self.mirror = HistoryMirror(
             SimpleNamespace(  # type: ignore[arg-type]
-                sessions={"system": None, "unit": None},
-                outlets={"unit": None},
-                converters={"system": self.convert},
+                access=SimpleNamespace(
+                    sessions={"system": None, "unit": None},
+                    outlets={"unit": None},
+                    converters={"system": self.convert},
+                ),
                 replay=self.replay,
                 targets_of=lambda emission: ("unit",),
             ),

@@ -6,7 +6,6 @@ several threads and two sockets; here it passes none of them, unless interceptor
 
 from __future__ import annotations
 
-import itertools
 import logging
 import threading
 import time
@@ -14,18 +13,23 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.pipeline.runner import AbandonedError
-from riot_bus.router.audience import Audience
 from riot_bus.router.counts import ForwarderCounts, RouteCounts
+from riot_bus.router.pipeline_executor import BUDGET_S
 from riot_bus.router.worker import Worker
 from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.session import wait_until
+from riot_bus_bridges.host.audience import Audience
 
 if TYPE_CHECKING:
     from collections import Counter
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
+    from riot_bus.router.advanced.publisher_proxies import PublisherProxies
+    from riot_bus.router.bus import Bus
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.types.port import Take
     from riot_bus.vocabulary.message import Qos
+    from riot_bus_bridges.host.audience import Inner
 
 _LOG = logging.getLogger(__name__)
 _ROOM = 4096  # messages in the queue; beyond it, senders wait: more add delay, and their bytes have no limit
@@ -80,16 +84,25 @@ class LocalIngress:
     Args:
         segment: Name of the segment.
         deliveries: Queue that takes messages through the pipeline and delivers them.
+        advanced: Proxies of advanced publishers; None if there are no other segments.
+        listeners: Bridges in this process, by segment.
 
     Attributes:
         generation: Number that changes when what is known of keys may have changed.
         queued: Number of messages that interceptors have to see, or whose route is not known yet.
     """
 
-    def __init__(self, segment: str, deliveries: DeliveryQueue) -> None:
-        self.segment = segment
-        self._generations = itertools.count()
-        self.generation = next(self._generations)
+    def __init__(
+        self,
+        segment: str,
+        deliveries: DeliveryQueue,
+        advanced: PublisherProxies | None,
+        listeners: Mapping[str, tuple[Inner, ...]],
+    ) -> None:
+        self.segment, self._inner = segment, listeners
+        self._targets = deliveries.access.targets[segment]
+        self._advanced = advanced
+        self.generation = 0
         self.queued = 0
         self._room = threading.Semaphore(_ROOM)
         self._deliveries = deliveries
@@ -138,11 +151,11 @@ class LocalIngress:
 
     def owns(self, key: str) -> bool:
         """Return whether messages of a key are intercepted; if not, they are routed natively."""
-        return bool(self._deliveries.targets[self.segment]) and self._deliveries.owner(key) is not None
+        return bool(self._targets) and self._deliveries.owner(key) is not None
 
     def forget(self) -> None:
         """Forget what is known of keys, since interceptors, recorder or claims have changed."""
-        self.generation = next(self._generations)
+        self.generation += 1
 
     def idle(self) -> bool:
         """Return whether no message is queued, or being processed from the queue."""
@@ -220,7 +233,7 @@ class LocalIngress:
             attachment=attachment,
             qos=route.qos,
             segment=self.segment,
-            sequence=next(self._deliveries.sequence),
+            sequence=next(self._deliveries.access.sequence),
         )
         self._deliveries.send(message, self._worker)
         route.seen += 1
@@ -233,19 +246,19 @@ class LocalIngress:
         route.inspected, route.rewrite = False, None
         targets: tuple[str, ...] = ()
         if not route.native:
-            advanced = deliveries.advanced is not None and key in deliveries.advanced.keys
+            advanced = self._advanced is not None and key in self._advanced.keys
             treatment = deliveries.treatment(key, lambda: payload, advanced=advanced)
             route.inspected, route.rewrite = treatment.inspected, treatment.rewrite
-            targets = deliveries.targets[self.segment]
+            targets = self._targets
         route.puts = [self._put_function(route, name) for name in targets]
         route.takes = tuple(take for name in targets for take in self._listeners(key, name))
         route.generation = generation
 
     def _put_function(self, route: IngressKey, name: str) -> Callable[[bytes, bytes | None], None]:
         """Return the function that publishes on another segment."""
-        deliveries, key = self._deliveries, route.key
-        outlet = deliveries.outlets[name]
-        if name in deliveries.observed:
+        key, access = route.key, self._deliveries.access
+        outlet = access.outlets[name]
+        if name in self._deliveries.surroundings.observed:
             encoding = outlet.encoding(route.text)
             publisher = outlet.publisher(key, route.qos, encoding)
 
@@ -259,13 +272,51 @@ class LocalIngress:
             return publish
         if name not in route.audiences:
             route.audiences[name] = Audience(
-                deliveries.sessions[name], key, qos=route.qos, encoding=route.text, took=outlet.took
+                access.sessions[name], key, qos=route.qos, encoding=route.text, took=outlet.took
             )
         return route.audiences[name].put
 
     def _listeners(self, key: str, name: str) -> list[Take]:
         """Return the functions that give messages of a key to listeners in this process."""
-        deliveries = self._deliveries
-        if name in deliveries.observed:
+        if name in self._deliveries.surroundings.observed:
             return []
-        return [each.take for each in deliveries.inner.get(name, ()) if each.expression.includes(key)]
+        return [each.take for each in self._inner.get(name, ()) if each.expression.includes(key)]
+
+
+class InnerNetwork:
+    """The bridges in a router's own process: local ingresses of a segment call directly who listens to the others."""
+
+    def __init__(self, bus: Bus) -> None:
+        self.bus = bus
+        self._listeners: dict[str, tuple[Inner, ...]] = {}
+        self._ingresses: list[LocalIngress] = []
+        self._changing = threading.Lock()
+
+    def ingress(self, segment: str) -> LocalIngress:
+        """Return the path from a segment to the others; it is closed with the bus."""
+        ingress = self.bus.attach(
+            lambda deliveries, proxies: LocalIngress(segment, deliveries, proxies, self._listeners)
+        )
+        self._ingresses.append(ingress)
+        return ingress
+
+    def listen(self, segment: str, inner: Inner) -> Callable[[], None]:
+        """Call a bridge that listens to a segment directly, until the returned function is called.
+
+        Args:
+            segment: Name of the segment.
+            inner: The bridge; it also subscribes, to get the messages that come on other ways.
+        """
+
+        def change(listeners: Callable[[tuple[Inner, ...]], tuple[Inner, ...]]) -> None:
+            with self._changing:
+                self._listeners[segment] = listeners(self._listeners.get(segment, ()))
+            self.bus.forget()
+
+        def end() -> None:
+            # It still gets what was put before, also if ten interceptors block one after the other.
+            wait_until(lambda: all(each.idle() for each in self._ingresses), 10 * BUDGET_S)
+            change(lambda present: tuple(each for each in present if each is not inner))
+
+        change(lambda present: (*present, inner))
+        return end
