@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     from riot_bus.control.terminal import Foreground
     from riot_bus_bridges.bridging import Bridge, LinkedBridge, OwnRouter
     from riot_bus_bridges.host.outer_port import OuterPort
-    from riot_bus_bridges.host.running import Program
 
 BRIDGES = PluginKind("bridge", "riot_bus.bridges")
 
@@ -58,7 +56,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _hand_over(context: typer.Context) -> None:
-    context.obj = BusHost()
+    context.obj = BridgeHost()
 
 
 def _command(name: str) -> Any:
@@ -78,8 +76,8 @@ def _command(name: str) -> Any:
     return typer.main.get_command(app)
 
 
-class BusHost:
-    """What riot offers to bridges: `riot_bus_bridges.bridging.BridgeHost`."""
+class BridgeHost:
+    """Services of riot for the command of a bridge, which does not know Zenoh."""
 
     def ports(
         self,
@@ -89,7 +87,17 @@ class BusHost:
         system: Path | None = None,
         cfg: Sequence[str] = (),
     ) -> dict[str, AbstractContextManager[Any]]:
-        """Return segments that connect when they are entered."""
+        """Return ports of segments by name, which exchange bytes and connect when they are entered.
+
+        Args:
+            segments: Segments as `NAME=ENDPOINT`; `NAME` for one of riot.toml, or of a router without riot.toml.
+            endpoint: Endpoint of the only segment, which has no name then, instead of `segments`.
+            system: Path of riot.toml; None for the one in the working folder, if there is one.
+            cfg: Further Zenoh settings, as `KEY=VALUE`.
+
+        Raises:
+            ConfigError: There is no such segment, both or neither are given, or a setting is wrong.
+        """
         from riot_bus.control.component import client_cfg, segment_access
 
         own = client_cfg(cfg)
@@ -103,14 +111,30 @@ class BusHost:
         return found
 
     def run(self, bridge: Bridge, *, program: Sequence[str] = (), as_json: bool = False) -> int:
-        """Bridge until told to end."""
-        from riot_bus_bridges.host.running import run_bridge
+        """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind the bridge; print what crossed.
 
-        start = partial(_start, program, bridge) if program else None
-        return _ended(run_bridge(bridge, _foreground(as_json=as_json), program=start))
+        Args:
+            bridge: The bridge; it is started and ended here.
+            program: Command and arguments of the program; empty for none; `{WORD}` is replaced using `bridge.words()`.
+            as_json: Whether to print lines of JSON.
+
+        Returns:
+            The program's exit status, 0 if it was still running or there is none; a signal that ended it ends this
+            process, too.
+
+        Raises:
+            RiotError: The bridge does not start, or has failed.
+        """
+        from riot_bus_bridges.host.running import end_as, run_bridge
+
+        return end_as(run_bridge(bridge, _foreground(as_json=as_json), program))
 
     def segments(self, asked: OwnRouter) -> list[str]:
-        """Return the names of a router's segments."""
+        """Return the names of the segments that a router would have.
+
+        Raises:
+            ConfigError: The system file or an option is wrong.
+        """
         from riot_bus.control.router_options import settings_of
 
         return list(settings_of(RouterOptions(**asdict(asked))).segments)
@@ -123,12 +147,18 @@ class BusHost:
         program: Sequence[str] = (),
         as_json: bool = False,
     ) -> int:
-        """Route and bridge in one process."""
-        from riot_bus_bridges.host.running import run_own_router
+        """Route and bridge in one process, until the same events as `run`.
+
+        Returns:
+            The same exit status as `run`.
+
+        Raises:
+            RiotError: The bridge does not start or has failed, or messages were lost.
+        """
+        from riot_bus_bridges.host.running import end_as, run_own_router
 
         options = RouterOptions(**asdict(asked))
-        start = partial(_start, program) if program else None
-        return _ended(run_own_router(options, bridge_of, _foreground(as_json=as_json), program=start))
+        return end_as(run_own_router(options, bridge_of, _foreground(as_json=as_json), program))
 
 
 def _places(texts: Sequence[str], endpoint: str | None) -> dict[str, str | None]:
@@ -158,16 +188,3 @@ def _foreground(*, as_json: bool) -> Foreground:
     from riot_bus.cli.terminal import foreground_of
 
     return foreground_of(OutputFormat.JSON if as_json else OutputFormat.TEXT)
-
-
-def _start(command: Sequence[str], bridge: Bridge) -> Program:
-    from riot_bus_bridges.host.running import Program
-
-    return Program(command, bridge.words(), ended=bridge.stop)
-
-
-def _ended(status: int) -> int:
-    from riot_bus_bridges.host.running import end_as
-
-    end_as(status)
-    return status

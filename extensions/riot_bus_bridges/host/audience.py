@@ -34,9 +34,6 @@ class Audience:
     """Publishes on one key to the components of a segment, as long as any of them subscribes.
 
     Args:
-        session: The segment's own session.
-        key: Key without wildcards.
-        qos: Delivery settings.
         encoding: Zenoh's encoding string, empty for its default.
         changed: Function called on a thread of Zenoh's when the result of `listens` may have changed.
         everywhere: Whether to publish always, and to this process, too.

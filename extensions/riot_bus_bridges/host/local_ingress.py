@@ -82,10 +82,7 @@ class LocalIngress:
     with a field set are sent on the thread that puts them, unless earlier ones are still in the queue.
 
     Args:
-        segment: Name of the segment.
-        deliveries: Queue that takes messages through the pipeline and delivers them.
         advanced: Proxies of advanced publishers; None if there are no other segments.
-        listeners: Bridges in this process, by segment.
 
     Attributes:
         generation: Number that changes when what is known of keys may have changed.
@@ -116,8 +113,6 @@ class LocalIngress:
 
         Args:
             key: Key without wildcards.
-            qos: Delivery settings of all these messages.
-            encoding: Zenoh's encoding string, empty for its default.
         """
         route = IngressKey(self, key, qos, encoding)
         with self._changing:
@@ -125,13 +120,7 @@ class LocalIngress:
         return route
 
     def put_all(self, routes: Sequence[IngressKey], payloads: Sequence[bytes], attachment: bytes | None) -> None:
-        """Send messages to the other segments; waits if too many are queued, or receivers are slow.
-
-        Args:
-            routes: Declared key of each message.
-            payloads: Payload of each message.
-            attachment: Attachment of all the messages.
-        """
+        """Send messages to the other segments; waits if too many are queued, or receivers are slow."""
         # Messages that need no inspection are sent in batches, as far as they have the same listeners.
         going: list[IngressKey] = []
         ready: list[tuple[bytes, bytes | None]] = []
@@ -304,7 +293,6 @@ class InnerNetwork:
         """Call a bridge that listens to a segment directly, until the returned function is called.
 
         Args:
-            segment: Name of the segment.
             inner: The bridge; it also subscribes, to get the messages that come on other ways.
         """
 

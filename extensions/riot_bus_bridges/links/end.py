@@ -53,7 +53,6 @@ class End(Peer):
     Attributes:
         flows: Known routes of frames received from the peer, by the header bytes that identify their kind; valid while
             `generation` is that of the routing table.
-        generation: Generation of the routing table for which `flows` was filled.
         losses: Numbers of frames received from the peer, and of those missing before them, by source.
     """
 

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from riot_bus.types.port import Closeable, PortPublisher
     from riot_bus.vocabulary.message import Scalar
+    from riot_bus_bridges.host.inner import BridgePort
     from riot_bus_bridges.mavlink.sequences import OwnStreams
-    from riot_bus_bridges.port import BridgePort
     from riot_bus_mavlink.definitions import FieldText, MessageTable
     from riot_bus_mavlink.dialect import Dialect
 

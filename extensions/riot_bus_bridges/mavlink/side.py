@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.types.port import Closeable, PortPublisher
+    from riot_bus_bridges.host.inner import BridgePort
     from riot_bus_bridges.links.end import End
     from riot_bus_bridges.mavlink.mirror import Mirror
     from riot_bus_bridges.mavlink.routing import Routes
     from riot_bus_bridges.mavlink.sequences import OwnStreams
-    from riot_bus_bridges.port import BridgePort
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.keys import KeyTemplate
     from riot_bus_mavlink.signing import Signer

@@ -32,7 +32,6 @@ class LinkComponent:
     """Component of the system file: all senders behind a link, or the unit.
 
     Attributes:
-        who: Descriptions from their own messages, one for each system and component.
         topics: Keys of their messages, each with the number of frames per second.
     """
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from contextlib import ExitStack
 
-    from riot_bus_bridges.port import OuterAccess
+    from riot_bus_bridges.host.outer_port import OuterPort
     from riot_bus_bridges.ros2.options import Ros2BridgeOptions
     from riot_bus_bridges.ros2.plan import DomainAnnouncement
     from riot_bus_ros2.keys import DataKey
@@ -52,7 +52,7 @@ class Ros2Bridge(Bridge):
     """
 
     def __init__(
-        self, port: OuterAccess, options: Ros2BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
+        self, port: OuterPort, options: Ros2BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
     ) -> None:
         super().__init__(warn=warn)
         options.check()

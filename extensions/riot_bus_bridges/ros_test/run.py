@@ -39,9 +39,6 @@ class RosTest:
 
     Attributes:
         router: Options of the router; its segments are not those of riot.toml but two on free ports of this machine.
-        nodes: Regular expression for names of the processes and nodes to put into the segment `unit`.
-        folder: Working folder of the command; the present one by default.
-        account: Folder for the report, if this is one of several `riot ros-test` of one run.
     """
 
     router: RouterOptions = field(default_factory=RouterOptions)

@@ -131,17 +131,9 @@ class Library:
         return entry.place.removeprefix(f"{self.folder}/")
 
     def _row(self, entry: LogEntry) -> dict[str, Any]:
-        return {
-            "name": self._name(entry),
-            "size": entry.size,
-            "start": entry.start,
-            "end": entry.end,
-            "seconds": entry.seconds,
-            "messages": entry.messages,
-            "lost": entry.lost,
-            "readable": entry.readable,
-            "problem": entry.problem[:200],
-        }
+        names = ("size", "start", "end", "seconds", "messages", "lost", "readable")
+        told = {name: getattr(entry, name) for name in names}
+        return {"name": self._name(entry), **told, "problem": entry.problem[:200]}
 
     def _look(self) -> int:
         """Request a scan and return its number."""

@@ -56,19 +56,16 @@ def find_robots(endpoint: str, *, config: Mapping[str, Any] | None = None) -> li
 
     with Remote(endpoint, config=config, kind="agent") as remote:
         session = remote.client.session
-        tokens = {
-            str(reply.ok.key_expr)
-            for reply in session.liveliness().get(ALL_AGENTS, timeout=_FIND_S)
-            if reply.ok is not None
-        }
+        found = session.liveliness().get(ALL_AGENTS, timeout=_FIND_S)
+        tokens = {str(reply.ok.key_expr) for reply in found if reply.ok is not None}
         answers = {}
         for reply in session.get(f"{OWN_CHUNK}/*/agent/status", target=zenoh.QueryTarget.ALL, timeout=_FIND_S):
             if reply.ok is not None and len(reply.ok.payload) <= _LARGEST:
                 document = document_of(reply.ok.payload.to_bytes())
                 answers[str(reply.ok.key_expr).split("/")[1]] = document.get("result")
     names = [token.split("/")[1] for token in tokens]
-    found = ((name, answers.get(name)) for name in sorted(set(names)))
-    return [Robot(name, names.count(name), status if isinstance(status, dict) else None) for name, status in found]
+    told = ((name, answers.get(name)) for name in sorted(set(names)))
+    return [Robot(name, names.count(name), status if isinstance(status, dict) else None) for name, status in told]
 
 
 def ask_robot(
@@ -92,12 +89,12 @@ def list_logs(
     check_robot(robot, where="ROBOT")
     with Remote(endpoint, robot, config=config, kind="agent") as remote:
         deadline = time.monotonic() + _LOOKING_S
-        answer = remote.ask("agent/logs", json.dumps(arguments).encode(), timeout=_BEGIN_S)
-        while not answer.get("complete") and time.monotonic() < deadline:
+        while True:
+            answer = remote.ask("agent/logs", json.dumps(arguments).encode(), timeout=_BEGIN_S)
+            if answer.get("complete") or time.monotonic() >= deadline:
+                return answer
             time.sleep(_LOOK_S)
-            again = {**arguments, "look": answer.get("look")}
-            answer = remote.ask("agent/logs", json.dumps(again).encode(), timeout=_BEGIN_S)
-    return answer
+            arguments["look"] = answer.get("look")
 
 
 def who_am_i() -> str:

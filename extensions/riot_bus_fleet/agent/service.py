@@ -299,47 +299,37 @@ def _logs(service: AgentService, request: CommandRequest) -> dict[str, Any]:
     return service.library.logs(query, offset=offset, limit=limit, look=look)
 
 
+def _command(do: Callable[[AgentService, CommandRequest], object], *, urgent: bool = False) -> Command:
+    """Return a command that answers with the status."""
+
+    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
+        do(service, request)
+        return service.answer(request.nonce())
+
+    return Command(run, urgent=urgent)
+
+
 def _steer(do: Callable[[AgentService, str], object]) -> Command:
     """Return a command whose only argument is the name of its sender."""
-
-    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
-        do(service, _who(request.arguments("who")))
-        return service.answer(request.nonce())
-
-    return Command(run, urgent=True)
+    return _command(lambda service, request: do(service, _who(request.arguments("who"))), urgent=True)
 
 
-def _begin(do: Callable[[AgentService, bytes], object]) -> Command:
-    """Return a command that begins an operation."""
-
-    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
-        do(service, request.payload)
-        return service.answer(request.nonce())
-
-    return Command(run)
-
-
-def _adjust(name: str, do: Callable[[AgentService, float, str], object]) -> Command:
-    """Return a command that takes a number."""
-
-    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
-        arguments = request.arguments(name, "who")
-        do(service, number_of(arguments.get(name), name), _who(arguments))
-        return service.answer(request.nonce())
-
-    return Command(run)
+def _number(request: CommandRequest, name: str) -> tuple[float, str]:
+    """Return the number that a command takes, and the name of its sender."""
+    arguments = request.arguments(name, "who")
+    return number_of(arguments.get(name), name), _who(arguments)
 
 
 AGENT_COMMANDS: dict[str, Command] = {
     "agent/status": Command(lambda service, request: service.answer(request.nonce()), reads=True, urgent=True),
     "agent/logs": Command(_logs, reads=True),
-    "agent/play": _begin(AgentService.play),
-    "agent/record": _begin(AgentService.record),
+    "agent/play": _command(lambda service, request: service.play(request.payload)),
+    "agent/record": _command(lambda service, request: service.record(request.payload)),
     "agent/pause": _steer(AgentService.pause),
     "agent/resume": _steer(AgentService.resume),
     "agent/stop": _steer(AgentService.stop),
-    "agent/seek": _adjust("time", AgentService.seek),
-    "agent/rate": _adjust("rate", AgentService.set_rate),
+    "agent/seek": _command(lambda service, request: service.seek(*_number(request, "time"))),
+    "agent/rate": _command(lambda service, request: service.set_rate(*_number(request, "rate"))),
 }
 """All commands by name; all but `agent/logs` answer with the status."""
 

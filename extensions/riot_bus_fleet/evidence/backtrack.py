@@ -74,13 +74,10 @@ class Backtracked:
 
     Attributes:
         targets: The requested fields, each with why it cannot be judged (empty if it can).
-        externals: External topics, and who says so.
-        ranking: Evidence on the external fields for each target, the most promising first.
         unreachable: External topics from which no path of the graph leads to a target.
         unwritten: Topics on a path that have no known writer, though not external.
         missing: Topics on a path without a message in any log.
         loops: Sets of topics on a path that lead back to themselves.
-        unseen: Fields that were not tested, as there were too many.
         alpha: Accepted chance of any wrong source per field whose sources were tested.
     """
 

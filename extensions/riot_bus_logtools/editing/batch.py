@@ -25,7 +25,6 @@ class Batch:
     """A batch of n messages.
 
     Attributes:
-        buffer: Buffer that holds their records.
         start: Offset at which each record begins, shape (n,).
         end: Offset at which each record ends, shape (n,).
         edit: Number of the `ChannelEdit` of each message, shape (n,).
