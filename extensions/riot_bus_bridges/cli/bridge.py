@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperGroup
 
 from riot_bus.cli.ctl import Cfg
+from riot_bus.cli.declared import CommandT, options_of, parameter_of, read_options, shown_as
 from riot_bus.cli.help_groups import BUS
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.plugins import PluginKind
 from riot_bus.vocabulary.errors import ConfigError, RiotError
-from riot_bus_bridges.cli.options import annotation_of, with_options
+from riot_bus.vocabulary.flags import flags_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,6 +28,35 @@ if TYPE_CHECKING:
     from riot_bus.control.terminal import Foreground
     from riot_bus_bridges.bridging import Bridge, LinkedBridge, OwnRouter
     from riot_bus_bridges.host.outer_port import OuterPort
+
+
+def with_options(command: CommandT, known: Mapping[str, Any]) -> CommandT:
+    """Give a command the options of each dataclass that is the type of one of its parameters.
+
+    Args:
+        known: Annotations that replace the command's own, by the name of the parameter.
+    """
+    parameters: list[inspect.Parameter] = []
+    kinds: dict[str, type] = {}
+    for each in inspect.signature(command, eval_str=True).parameters.values():
+        if is_dataclass(each.annotation):
+            kinds[each.name] = each.annotation  # type: ignore[assignment]  # no instance
+            parameters += [parameter_of(*flag) for flag in flags_of(kinds[each.name])]
+        else:
+            parameters.append(each.replace(annotation=known.get(each.name, each.annotation)))
+
+    def run(**values: Any) -> None:
+        for name, kind in kinds.items():
+            values[name] = options_of(kind, read_options(flags_of(kind), values))
+        command(**values)
+
+    return shown_as(command, run, parameters)
+
+
+def annotation_of(kind: type, name: str) -> Any:
+    """Return the annotation by which typer knows an option of a dataclass."""
+    return next(parameter_of(*each).annotation for each in flags_of(kind) if each[0].name == name)
+
 
 BRIDGES = PluginKind("bridge", "riot_bus.bridges")
 

@@ -14,7 +14,7 @@ from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.segment_port import message_of
 from riot_bus.zenoh.session import release
-from riot_bus_bridges.host.audience import Audience, Inner
+from riot_bus_bridges.host.local_ingress import Audience, Inner
 from riot_bus_bridges.host.outer_port import put_one_by_one
 
 if TYPE_CHECKING:

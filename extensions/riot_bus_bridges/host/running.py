@@ -114,11 +114,7 @@ def run_own_router(
     foreground: Foreground,
     program: Sequence[str] = (),
 ) -> int:
-    """Route and bridge until SIGINT, SIGTERM, or the end of the program behind the bridge.
-
-    Raises:
-        RiotError: The router or bridge does not start, has failed, or messages were lost.
-    """
+    """Route and bridge until told to end, or the program behind the bridge ends; raises RiotError if that fails."""
     from riot_bus.control.router_process import report_end, router_of
     from riot_bus_bridges.host.inner import InnerPort
     from riot_bus_bridges.host.local_ingress import InnerNetwork

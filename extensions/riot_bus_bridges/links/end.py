@@ -26,9 +26,7 @@ MOST_PENDING = 64
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """Frames that all take the same route, as long as the routing table does not change.
-
-    They are of one message, from one component, and come over one end of a link.
+    """Frames of one message, component and end of a link, which all take the same route while the table stays.
 
     Attributes:
         others: Other ends on the same segment that get the frames.

@@ -68,11 +68,7 @@ class JsonForm:
         return {"header": header, "message": {"type": message.name, **{name: read(body) for name, read in readers}}}
 
     def frame(self, payload: bytes, sequence: Callable[[int, int], int]) -> Frame:
-        """Return the MAVLink 2 frame that JSON describes; missing fields are zero.
-
-        Raises:
-            PayloadError: The payload is not JSON of this form, or has unknown names or values that do not fit.
-        """
+        """Return the MAVLink 2 frame that JSON describes, missing fields zero; raises PayloadError for other JSON."""
         header, fields = _parts(payload)
         system, component = (_byte(header, name) for name in ("system_id", "component_id"))
         name = fields.pop("type", None)

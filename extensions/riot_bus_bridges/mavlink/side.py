@@ -1,15 +1,4 @@
-"""One segment of a bridge: frames between its links, and between the links and the bus.
-
-The first frame of a kind (message, component and end of a link) is routed by itself; its route is then kept until the
-routing table changes, and further frames of the kind are carried together, without being taken apart:
-
-    from        frame                                       carried by
-    a link      whole packets of known flows                `receive`: `Framer.known` checks them, `_carry` sends them
-    a link      frames of known flows in a stream           `receive_frames`, `_carry`
-    a link      all others                                  `_receive_new`, which remembers a `Flow`
-    the bus     own unsigned ones of known deliveries       `deliver`, `_send_together`
-    the bus     all others                                  `_deliver_new`, which remembers the ends
-"""
+"""One segment of a bridge: frames between its links, and between the links and the bus."""
 
 from __future__ import annotations
 

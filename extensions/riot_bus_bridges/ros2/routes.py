@@ -28,9 +28,8 @@ if TYPE_CHECKING:
 
     from riot_bus.types.port import Closeable
     from riot_bus_bridges.host.outer_port import OuterPort, Question
-    from riot_bus_bridges.ros2.graph import DomainGraph
     from riot_bus_bridges.ros2.node import NodeProcess
-    from riot_bus_bridges.ros2.plan import DownPlan, UpPlan
+    from riot_bus_bridges.ros2.plan import DomainGraph, DownPlan, UpPlan
     from riot_bus_ros2.keys import DataKey
     from riot_bus_ros2.tokens import EndpointKind
 

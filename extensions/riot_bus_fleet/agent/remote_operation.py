@@ -71,12 +71,7 @@ def find_robots(endpoint: str, *, config: Mapping[str, Any] | None = None) -> li
 def ask_robot(
     endpoint: str, robot: str, command: str, *, config: Mapping[str, Any] | None = None, **arguments: Any
 ) -> dict[str, Any]:
-    """Ask a robot's agent one question.
-
-    Raises:
-        EnvironmentFaultError: No router or no such robot answers.
-        RiotError: The agent answers with an error.
-    """
+    """Ask a robot's agent one question; raises EnvironmentFaultError without an answer, and its own errors."""
     check_robot(robot, where="ROBOT")
     with Remote(endpoint, robot, config=config, kind="agent") as remote:
         return remote.ask(f"agent/{command}", json.dumps(arguments).encode(), timeout=_BEGIN_S)
@@ -148,12 +143,7 @@ class RemoteOperation:
             self._remote.client.close()
 
     def begin(self, kind: str, arguments: Mapping[str, Any], *, watched: bool = True) -> dict[str, Any]:
-        """Start the operation on the robot and return its status.
-
-        Raises:
-            EnvironmentFaultError: The robot does not answer, or is busy.
-            ConfigError: The robot refuses.
-        """
+        """Start; return the status. Raises EnvironmentFaultError if busy or silent, ConfigError if refused."""
         lead = {"operation": self.operation, "secret": self._secret, "watched": watched, "who": who_am_i()}
         return self._own(self._ask(kind, {**lead, **arguments}, timeout=_BEGIN_S))
 

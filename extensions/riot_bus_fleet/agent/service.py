@@ -38,11 +38,7 @@ _LONGEST_WHO = 200  # as `Lead.who`: it becomes part of lines of the journal and
 
 
 class AgentService:
-    """The agent of a robot; a context manager that connects and, at the end, stops the current operation.
-
-    Raises:
-        ConfigError: An option is wrong.
-    """
+    """The agent of a robot; a context manager, whose end stops the operation. Raises ConfigError for wrong options."""
 
     def __init__(self, options: AgentOptions, *, say: Callable[[str], None] = _LOG.info) -> None:
         options.check()

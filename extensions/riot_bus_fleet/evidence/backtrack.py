@@ -1,9 +1,6 @@
 """Paths from an internal field back to external topics, by logs alone, and the evidence for each (RIOT II-C).
 
-The topic graph gives the paths. Unknown writers of a topic, and unknown inputs of a component, are inferred from what
-the topic's fields follow, and marked as inferred. Each step back is tested on the fields of the topic that were found
-to matter in the step before. The external fields are also tested directly against the target field, given each other,
-which ranks them.
+The topic graph gives the paths; unknown writers and inputs are inferred from what the topic's fields follow.
 """
 
 from __future__ import annotations

@@ -32,11 +32,7 @@ Pair = tuple[float, float]
 
 
 def check_picture(path: Path) -> None:
-    """Raise an error for a picture that could not be drawn, before anything is read.
-
-    Raises:
-        ConfigError: Its suffix is not `.svg`.
-    """
+    """Raise ConfigError if a picture could not be drawn since its suffix is not `.svg`, before anything is read."""
     if path.suffix.lower() != ".svg":
         hint = "name a .svg; other programs convert it, such as rsvg-convert"
         raise ConfigError(f"unknown kind of picture {path.suffix!r}", where=f"--picture {path}", hint=hint)

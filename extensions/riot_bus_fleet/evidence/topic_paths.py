@@ -17,11 +17,7 @@ _DEEPEST = 200
 
 
 def loops(graph: TopicGraph) -> list[tuple[str, ...]]:
-    """Return the sets of topics that lead back to themselves, each sorted.
-
-    Raises:
-        MissingExtraError: scipy is not installed.
-    """
+    """Return the sets of topics that lead back to themselves, each sorted; raises MissingExtraError."""
     with needs_extra("scipy", "analysis"):
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components

@@ -1,7 +1,4 @@
-"""One side of a comparison: the messages of each topic by hash and time, some of them with their content.
-
-A recording is read once for the hashes of all messages, and once more for those of which the content is needed.
-"""
+"""One side of a comparison: the messages of each topic by hash and time, some of them with their content."""
 
 from __future__ import annotations
 

@@ -13,14 +13,13 @@ from riot_bus.log.naming import parse_time
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_logtools.editing.batch import Batch, gathered, renumbered, shifted, with_payloads
+from riot_bus_logtools.editing.batch import Batch, Sorter, gathered, renumbered, shifted, with_payloads
 from riot_bus_logtools.editing.channel_table import ChannelTable
 from riot_bus_logtools.editing.inputs import InputLog
 from riot_bus_logtools.editing.latched import LatchedMessages
 from riot_bus_logtools.editing.output_set import OutputSet
 from riot_bus_logtools.editing.piping import Piping
 from riot_bus_logtools.editing.result import EditResult
-from riot_bus_logtools.editing.sorting import Sorter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
