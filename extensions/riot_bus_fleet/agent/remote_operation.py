@@ -152,7 +152,7 @@ class RemoteOperation:
         told: Callable[[dict[str, Any] | None, float], None],
         *,
         give_up: float,
-        until: Callable[[Mapping[str, Any]], bool] = lambda status: status["state"] in FINAL,
+        until: Callable[[Mapping[str, Any]], bool] = lambda _: False,
         interrupted: Callable[[], bool] = lambda: False,
     ) -> dict[str, Any]:
         """Follow the operation to its end, through breaks of the link.

@@ -21,7 +21,7 @@ from riot_bus_fleet.agent.library import Library
 from riot_bus_fleet.agent.link import FleetLink
 from riot_bus_fleet.agent.operations import Play, RecordOperation, check_room
 from riot_bus_fleet.agent.proof import proved
-from riot_bus_fleet.agent.request import ControllerWatch, Lead, PlayRequest, RecordRequest, parse_request
+from riot_bus_fleet.agent.request import ControllerWatch, PlayRequest, RecordRequest, parse_request
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -155,7 +155,8 @@ class AgentService:
                 if present is not None and present.active:
                     raise self._busy(present)
                 self._operation, self._held = operation, False
-                self._watch = self._watch_of(lead)
+                watch = ControllerWatch(lead.on_lost_controller, lead.grace, time.monotonic())
+                self._watch = watch if lead.watched else None
                 operation.start()
                 what = ", ".join(operation.status().get("logs", []))
                 self._say(f"{operation.kind} for {lead.who}{what and f': {what}'}")
@@ -176,12 +177,6 @@ class AgentService:
             where=self.options.robot,
             hint=f"wait for its end, or end it: riot fleet stop {self.options.robot}",
         )
-
-    @staticmethod
-    def _watch_of(lead: Lead) -> ControllerWatch | None:
-        if not lead.watched:
-            return None
-        return ControllerWatch(lead.on_lost_controller, lead.grace, time.monotonic())
 
     def _steered(self, who: str, what: str) -> _Operation:
         operation = self._operation

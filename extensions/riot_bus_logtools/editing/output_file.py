@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from riot_bus.log.engine.chunk import Companions
     from riot_bus_logtools.editing.batch import Batch
-    from riot_bus_logtools.editing.targets import OutputChannel
+    from riot_bus_logtools.editing.channel_edit import OutputChannel
 
 
 @dataclass(slots=True)
