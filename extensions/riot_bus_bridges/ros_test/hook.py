@@ -34,7 +34,6 @@ def placed(tools: Any, plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
 
     Args:
         plan: Plan with `segment`, `nodes` (regular expression, empty for none), `variables`, `told` (file of reports).
-        popen: Arguments of `Popen` by name.
     """
     words = tools.words_of(popen["args"], shell=bool(popen.get("shell")))
     names = tools.names_of(words)
@@ -53,7 +52,6 @@ def wrapped(tools: Any, plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
 
     Args:
         plan: Plan with `wrap`, the words to prepend, with `{package}` and `{folder}`, and `cwd`, their working folder.
-        popen: Arguments of `Popen` by name.
     """
     words = tools.words_of(popen["args"])
     if popen.get("shell") or "colcon" not in sys.argv[0] or not _TEST_PROGRAMS & set(tools.names_of(words)):

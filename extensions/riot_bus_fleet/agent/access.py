@@ -37,11 +37,7 @@ _REPLY, _GET_REPLY = ("ingress", "reply"), ("egress", "reply")
 
 
 def parse_subject(text: str) -> tuple[Role, str]:
-    """Parse `ROLE` or `ROLE=USER`; a role alone stands for the user of the same name.
-
-    Raises:
-        ConfigError: The role does not exist.
-    """
+    """Parse `ROLE` or `ROLE=USER`, a role alone being its own user; raises ConfigError if the role does not exist."""
     word, _, user = text.partition("=")
     for role in ROLES:
         if word == role:

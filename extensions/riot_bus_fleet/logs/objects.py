@@ -1,7 +1,6 @@
 """Logs in object stores and other places that fsspec knows: S3, GCS, Azure, SFTP, HTTP ...
 
-No log is ever loaded into memory as a whole. For the catalogue, only the head and the summary of a log are fetched,
-into a file with a hole in between; a log without a summary is copied to disk, block by block.
+No log is ever loaded into memory as a whole: head and summary are fetched, or all of it is copied to disk.
 """
 
 from __future__ import annotations
@@ -37,11 +36,7 @@ _LONGEST_RUN = 1 << 20  # with `_MOST_RUNS`, at most 16 MiB of metadata are fetc
 
 
 class ObjectStore:
-    """A folder behind a URL, or a single log there.
-
-    Raises:
-        ConfigError: The URL is wrong, or a package is missing.
-    """
+    """A folder behind a URL, or a single log there; raises ConfigError if the URL is wrong, or a package is missing."""
 
     partial = True
 

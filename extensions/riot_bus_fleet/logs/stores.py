@@ -39,11 +39,7 @@ class Store(Protocol):
 
 
 class FolderStore:
-    """A folder of this machine, or a single log. Links to folders, or out of the folder, are not followed.
-
-    Raises:
-        ConfigError: The path does not exist, or is a pipe or a device.
-    """
+    """A folder of this machine, without links that lead out, or a log; raises ConfigError if it is none of these."""
 
     partial = False
 
@@ -93,11 +89,7 @@ class FolderStore:
 
 
 def open_store(root: str) -> Store:
-    """Open a folder, a log, or the URL of an object store.
-
-    Raises:
-        ConfigError: The place does not exist, or a package needed to open it is missing.
-    """
+    """Open a folder, a log, or the URL of an object store; raises ConfigError if it cannot."""
     if "://" in root and not root.startswith("file://"):
         from riot_bus_fleet.logs.objects import ObjectStore
 
@@ -107,11 +99,7 @@ def open_store(root: str) -> Store:
 
 @contextmanager
 def copied(place: str) -> Iterator[Path]:
-    """Yield a local file with all of a log, wherever the log is; a copy on disk is deleted afterwards.
-
-    Raises:
-        ConfigError: The log cannot be read.
-    """
+    """Yield a local file with all of a log, perhaps a copy that is deleted afterwards; raises ConfigError."""
     store = open_store(place)
     problems: list[str] = []
     log = next(store.logs(problems.append), None)

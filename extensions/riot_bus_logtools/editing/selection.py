@@ -33,7 +33,6 @@ class Condition:
         low: Earliest time, nanoseconds; `high` is exclusive.
         first: First number within the topic; `last` is exclusive, None for no limit.
         every: Divisor of the selected numbers.
-        where: Predicate on the fields.
     """
 
     low: int = -TIMES
