@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.given_files import given_bytes
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean, require_package
 from riot_bus_mavlink.definitions import EnumTable, MessageTable
 from riot_bus_mavlink.xml_files import DialectFile, parse_dialect
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
 
 DEFAULT = "all"
 """The dialect that contains all others that pymavlink ships."""

@@ -7,13 +7,11 @@ definition (`crc_extra`), and, in signed frames of MAVLink 2, a signature of 13 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 from riot_bus.vocabulary.errors import PayloadError, needs_extra
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
 
 ENCODING = "application/octet-stream;mavlink"
 """The encoding of frames on the bus, the same as in mavlink-server."""

@@ -7,11 +7,9 @@ numbers of rmw (before). Reading it line by line is enough here, so no YAML pars
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from typing import Self
 
 Duration = tuple[int, int]
 """Seconds and nanoseconds."""

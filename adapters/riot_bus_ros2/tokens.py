@@ -12,14 +12,12 @@ front. Source: docs/design.md and liveliness_utils.cpp of ros2/rmw_zenoh.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 from riot_bus_ros2.keys import NO_HASH, DataKey, build_data_key, dds_type, parse_data_key, ros_type
 from riot_bus_ros2.qos import RosQos
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 TOKENS = "@ros2_lv/**"
 """Key expression of all tokens of a network without a Zenoh namespace."""

@@ -6,15 +6,12 @@ import json
 import threading
 from abc import ABC, abstractmethod
 from collections import defaultdict, deque
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, TextIO, TypeVar
 
 from riot_bus.zenoh import api as zenoh
 from riot_bus.zenoh.session import open_session, release, wait_until
 from riot_bus_conformance.samples import END, Inbox, show_replies
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from typing import TextIO
 
 DeclaredT = TypeVar("DeclaredT")
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from riot_bus_conformance.run import PLAIN, compare, run_scenario
 from riot_bus_conformance.scenario import load
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
 
 _ROUTER = "router"
 

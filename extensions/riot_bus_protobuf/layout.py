@@ -6,17 +6,14 @@ usable: fields of missing types are left out.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.vocabulary.errors import PayloadError, needs_extra
+from riot_bus.vocabulary.message import Scalar
 from riot_bus_protobuf.units import unit_in
 from riot_bus_protobuf.wire import KINDS, ScalarKind
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
-
-    from riot_bus.vocabulary.message import Scalar
 
 _MAX_SET = 1 << 24  # a guess, far more than definitions need: bounds the work that a log can cause
 _TYPES = (

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl
 
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
 
 _LARGEST = {"msg_id": (1 << 24) - 1, "src_sys": 255, "src_comp": 255}  # 24, 8 and 8 bits in a frame
 _FIELDS = [(action, what) for action in ("allow", "block") for what in _LARGEST]

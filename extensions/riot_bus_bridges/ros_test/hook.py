@@ -10,11 +10,10 @@ import contextlib
 import os
 import re
 import sys
+from collections.abc import Callable, Mapping
+from typing import Any
 
 TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from typing import Any
 
 _TEST_PROGRAMS = {"ctest", "pytest", "unittest"}
 _SEARCHES = ("connect/endpoints", "listen/endpoints", "scouting/multicast/enabled")

@@ -9,17 +9,14 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from riot_bus.backchain.graph import ComponentTopics, Hop, TopicGraph
+from riot_bus.vocabulary.trial import Progress
 from riot_bus_fleet.evidence.alignment import Piece, Variants, held_variants, response_of, topic_of
 from riot_bus_fleet.evidence.dependence import ALPHA, Dependence, dependences
 from riot_bus_fleet.evidence.recorded_graph import loops, tree_once
-
-if TYPE_CHECKING:
-    from riot_bus.vocabulary.trial import Progress
 
 INFERRED = "inferred"
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import struct
 import tempfile
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mcap.opcode import Opcode
 from mcap.records import MetadataIndex
@@ -20,9 +21,6 @@ from riot_bus.log.engine.scan import parse
 from riot_bus.log.layout import RUN
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, needs_extra
 from riot_bus_fleet.logs.entry import ENDING, StoredLog
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
 
 _STAMPS = ("ETag", "etag", "md5Hash", "content_md5", "mtime", "LastModified", "last_modified", "updated", "created")
 _BLOCK = 1 << 22  # held in memory by each thread; a smaller log is fetched whole, by one request

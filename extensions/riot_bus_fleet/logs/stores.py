@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import os
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from riot_bus.given_files import given_file
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_fleet.logs.entry import ENDING, StoredLog
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from contextlib import AbstractContextManager
 
 
 class Store(Protocol):
