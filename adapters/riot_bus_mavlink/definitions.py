@@ -30,7 +30,6 @@ class FieldText:
     """A field as a dialect's file defines it.
 
     Attributes:
-        name: Name of the field, such as `lat`.
         type: Type of an element, one of `SIZES`, such as `int32_t`.
         array: Number of elements, 0 if it is not an array.
         extension: Whether it is absent in MAVLink 1 and does not count for `crc_extra`.
@@ -83,7 +82,6 @@ class MessageTable:
 
     Attributes:
         id: Message id, 0 to 16777215.
-        name: Name of the message, such as `GLOBAL_POSITION_INT`.
         places: Its fields in the order of its definition.
         base_size: Bytes of its payload in MAVLink 1.
         size: Bytes of its payload in MAVLink 2, before trailing zeros are cut off.
@@ -123,8 +121,6 @@ class EnumEntry:
     """One value of an enum of a dialect.
 
     Attributes:
-        name: Name of the value, such as `MAV_CMD_NAV_WAYPOINT`.
-        value: Its number.
         params: Definitions of its parameters if it is a command, which is a value of MAV_CMD; otherwise none.
     """
 

@@ -25,12 +25,7 @@ class Dialect:
     """The messages that are known.
 
     Args:
-        name: Name of the dialect.
         parts: Contents of its files; later ones replace messages with the same id or name, and add to enums.
-
-    Attributes:
-        messages: The messages by id.
-        enums: The enums by name.
     """
 
     def __init__(self, name: str, parts: Iterable[DialectFile]) -> None:

@@ -128,7 +128,6 @@ class Framer:
         """Take packets as long as each is exactly one unsigned frame of MAVLink 2, of a known kind.
 
         Args:
-            packets: Packets as they were received.
             first: Index of the first packet to take.
             kinds: Known kinds, by the bytes at `KIND`.
 
@@ -303,8 +302,7 @@ def trimmed(payload: bytes) -> bytes:
 
 
 def _checksum(data: bytes, crc_extra: int) -> int:
-    crc = load_crc()
-    return crc(data + _EXTRA[crc_extra], _CRC_START)
+    return load_crc()(data + _EXTRA[crc_extra], _CRC_START)
 
 
 def _next_start(data: bytes, at: int) -> int:

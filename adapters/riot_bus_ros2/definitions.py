@@ -45,10 +45,7 @@ class Field(NamedTuple):
     """One field.
 
     Attributes:
-        name: Name of the field.
         content: Base type such as `float64`, or a message type's name.
-        is_message: Whether `content` is a message type.
-        is_array: Whether it is an array or a sequence of `content`.
         length: Length of an array; None for a sequence.
         most: Upper bound of a sequence's length; 0 if there is none.
         most_bytes: Upper bound of a string's length; 0 if there is none.
@@ -99,11 +96,6 @@ def normal_name(name: str) -> str:
 
 def parse_file(text: str, name: str, suffix: str) -> dict[str, Definition]:
     """Parse the text of an interface's file.
-
-    Args:
-        text: Content of the file.
-        name: Name of the interface, such as `pkg/srv/Name`.
-        suffix: Suffix of the file: `.msg`, `.srv`, `.action` or `.idl`.
 
     Returns:
         The definitions by name; for services and actions, all messages that rosidl makes of them.

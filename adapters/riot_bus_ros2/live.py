@@ -40,15 +40,7 @@ _TEXTS = {number: base for base, number in BOUNDED.items()}
 def ask_nodes(
     name: str, wanted: str, services: Mapping[str, Version], ask: Ask, store: TypeStore
 ) -> dict[str, Definition]:
-    """Ask nodes for a type, one after the other; return nothing if none knows it.
-
-    Args:
-        name: Name of the type, such as `pkg/msg/Name`.
-        wanted: Its RIHS01 hash.
-        services: Result of `services_of`.
-        ask: Sends a request to a service.
-        store: Store that knows the service's own type.
-    """
+    """Ask nodes for a type, one after the other; return nothing if none knows it."""
     payload = question(name, wanted, store)
     for service, version in list(services.items())[:_MOST_NODES]:
         attachment = build_attachment(Attachment(1, time.time_ns(), os.urandom(16), version))
@@ -67,8 +59,6 @@ def services_of(key: str, tokens: Iterable[str], heard: Iterable[bytes]) -> dict
     by a message with the gid of one of its publishers, or because it alone publishes on the key.
 
     Args:
-        key: Zenoh key of a topic.
-        tokens: Liveliness tokens.
         heard: Attachments of messages of this key.
     """
     topic = parse_data_key(key)

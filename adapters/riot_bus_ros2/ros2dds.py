@@ -38,10 +38,6 @@ _RMW_HISTORY = {0: 1, 1: 2}
 def key_of(name: str, namespace: str = "/") -> str:
     """Return the key of a full ROS name.
 
-    Args:
-        name: Full name, such as `/cmd_vel`.
-        namespace: Namespace of the bridge, such as `/bot1`.
-
     Example:
         >>> key_of("/cmd_vel", "/bot1")
         'bot1/cmd_vel'
@@ -50,12 +46,7 @@ def key_of(name: str, namespace: str = "/") -> str:
 
 
 def name_of(key: str, namespace: str = "/") -> str:
-    """Return the full ROS name of a key; keys outside of the namespace keep all their chunks.
-
-    Args:
-        key: Key of a message, such as `bot1/cmd_vel`.
-        namespace: Namespace of the bridge, such as `/bot1`.
-    """
+    """Return the full ROS name of a key; keys outside of the namespace keep all their chunks."""
     return f"/{key.removeprefix(f'{namespace}/'.lstrip('/'))}"
 
 
@@ -135,11 +126,7 @@ class BridgeToken:
     """Announcement of a bridge for a node behind it.
 
     Attributes:
-        zid: Id of the bridge's Zenoh session.
-        kind: Kind of the entity that it announces.
         key: Key of its messages; for an action, the common beginning of its five keys.
-        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
-        qos: Quality of service, only for topics.
     """
 
     zid: str

@@ -33,10 +33,6 @@ _stores: dict[str, Typestore] = {}
 def read_interface(file: Path, name: str) -> dict[str, Definition]:
     """Read the definitions in a file.
 
-    Args:
-        file: Path of the file, such as `pkg/msg/Name.msg`.
-        name: Name of the interface, such as `pkg/msg/Name`.
-
     Raises:
         OSError: The file cannot be read.
         ConfigError: It is too large, or no regular file.

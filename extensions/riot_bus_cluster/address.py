@@ -24,10 +24,6 @@ _CERTIFICATES = (
 def scheduler_of(executor: str, *, tls: bool) -> str:
     """Return the address of a scheduler in Dask's form.
 
-    Args:
-        executor: `dask://HOST:PORT`.
-        tls: Whether there are certificates.
-
     Raises:
         ConfigError: It is not an executor, or on another machine and there are no certificates.
     """

@@ -81,7 +81,6 @@ class WorkerState:
     """The state of a worker of the cluster.
 
     Attributes:
-        slot: Number of the worker.
         name: Name of the process that it keeps for us.
         begun: Its answer to `begin`.
         refused: Reason why it takes no trials; empty if it does.
@@ -100,7 +99,6 @@ class ClusterWorkers:
     """Workers of a Dask cluster, as the source of a pool.
 
     Args:
-        context: Context of the system.
         jobs: Maximum number of workers to use; 0 for all.
 
     Raises:
@@ -373,7 +371,6 @@ class WorkerCheck:
     """The answer of a worker.
 
     Attributes:
-        address: Address of the worker.
         host: Name of its machine; empty if it has not answered.
         refused: Reason why it takes no trials; empty if it does.
     """

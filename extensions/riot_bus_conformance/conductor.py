@@ -162,12 +162,6 @@ def conduct(
 ) -> dict[str, Observation]:
     """Run both ends and return what they saw, by end.
 
-    Args:
-        scenario: The scenario that both ends play.
-        network: An open network.
-        config: Zenoh configuration of both ends.
-        timeout: Time limit in seconds.
-
     Raises:
         EndFailedError: An end failed.
     """

@@ -44,11 +44,7 @@ class ScenarioEnd(ABC):
     through these methods stays declared until both ends have returned.
 
     Args:
-        prefix: Common prefix of all keys.
-        config: Zenoh configuration of its sessions.
         life: Number of times that this end was killed before.
-        lines: Stream of messages from the parent, as JSON lines.
-        say: Function that sends a message to the parent.
     """
 
     def __init__(
@@ -226,9 +222,6 @@ class ScenarioEnd(ABC):
 
         Earlier declarations of either end are then known where the other is connected, since declarations of one
         session keep their order. The keys of the probes have a verbatim chunk, so that no wildcard matches them.
-
-        Args:
-            sessions: Sessions that have declared something; by default the end's own.
         """
         sessions = sessions or (self.session,)
         other = "right" if self.name == "left" else "left"

@@ -25,7 +25,7 @@ _TYPES = (
 )  # fmt: skip
 _DEFAULTS: dict[str, Scalar] = {"bool": False, "string": "", "bytes": b"", "float32": 0.0, "float64": 0.0}
 _REPEATED = 3  # the number of LABEL_REPEATED in descriptor.proto
-_IMPLICIT, _EXPANDED, _DELIMITED = 2, 2, 2
+_DEVIATES = 2  # IMPLICIT, EXPANDED and DELIMITED: the value of each feature that is not its default
 _UNITS = {
     f"google.protobuf.{name}.{member}": unit
     for name in ("Timestamp", "Duration")
@@ -38,19 +38,12 @@ class ProtobufField:
     """One field of a message.
 
     Attributes:
-        name: Name in the .proto file.
-        number: Field number on the wire.
         kind: Kind of scalar; None for a message.
         message: Full name of a message's type.
-        repeated: Whether it is an array.
         packed: Whether the first elements of an array are written packed.
         group: Whether a message is written as a group.
         presence: Whether it may be absent; otherwise, it has its default (zero or empty) if not on the wire.
         oneof: Number of its oneof, of whose fields at most one is set; -1 if it is in none.
-        low: Smallest value that an enum declares.
-        high: Largest value that an enum declares.
-        unit: Unit that its comment names.
-        names: Values of its enum with their names.
     """
 
     name: str
@@ -125,11 +118,7 @@ def load_set(data: bytes) -> Any:
 
 
 class Definitions:
-    """The messages of a descriptor set.
-
-    Args:
-        files: FileDescriptorProtos by name.
-    """
+    """The messages of a descriptor set."""
 
     def __init__(self, files: dict[str, Any]) -> None:
         self._files = files
@@ -223,20 +212,20 @@ def _presence(one: Any, file: Any) -> bool:
     if one.HasField("oneof_index"):
         return True
     if file.syntax == "editions":
-        return _feature("field_presence", one, file) != _IMPLICIT
+        return _feature("field_presence", one, file) != _DEVIATES
     return str(file.syntax) != "proto3"
 
 
 def _packed(one: Any, file: Any) -> bool:
     if file.syntax == "editions":
-        return _feature("repeated_field_encoding", one, file) != _EXPANDED
+        return _feature("repeated_field_encoding", one, file) != _DEVIATES
     if one.options.HasField("packed"):
         return bool(one.options.packed)
     return bool(file.syntax == "proto3")
 
 
 def _delimited(one: Any, file: Any) -> bool:
-    return str(file.syntax) == "editions" and _feature("message_encoding", one, file) == _DELIMITED
+    return str(file.syntax) == "editions" and _feature("message_encoding", one, file) == _DEVIATES
 
 
 def _feature(name: str, one: Any, file: Any) -> int:
