@@ -22,7 +22,7 @@ _MOST_TEXT = 1 << 20  # bounds the parser's time for any text of a node; Jazzy's
 _DIVIDER = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _SECTION = re.compile(r"^=+\n(?:MSG|IDL): *(\S+)[ \t]*\n", re.MULTILINE)
 _EVENT = re.compile(r"(\w+/srv/\w+)_Event")
-_NAMES = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
+TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
 _PART = re.compile(
     r"_(?:(?:SendGoal|GetResult)(?:_(?:Request|Response|Event))?|Goal|Result|Feedback|FeedbackMessage"
     r"|Request|Response|Event)$"
@@ -186,7 +186,7 @@ def _parsed(parse: Callable[[str], Any], text: str) -> dict[str, Definition]:
         _respelled(name): (list(each[0]), [_mended(field, _respelled) for field in each[1]])
         for name, each in parsed.items()
     }
-    odd = next((name for name in found if _NAMES.fullmatch(name) is None), None)
+    odd = next((name for name in found if TYPE_NAME.fullmatch(name) is None), None)
     if odd is not None:
         raise DefinitionError(f"{odd!r} is not the name of a type")
     return found

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
-from riot_bus_ros2.definitions import DefinitionError, references
+from riot_bus_ros2.definitions import TYPE_NAME, DefinitionError, references
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.hashes import BASE_IDS, BOUNDED, COLLECTIONS, NESTED, type_hash
 from riot_bus_ros2.keys import parse_data_key
@@ -32,7 +32,6 @@ SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 _ENDING = "/get_type_description"
 _MOST_NODES = 8  # a node that does not answer takes 2 s (`_ANSWER_S` of riot_bus.zenoh.type_learner)
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
-_TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
 _BASES = {number: base for base, number in BASE_IDS.items() if base != "char"}
 _TEXTS = {number: base for base, number in BOUNDED.items()}
 
@@ -112,7 +111,7 @@ def described(reply: bytes, name: str, wanted: str, store: TypeStore) -> dict[st
         raise DefinitionError(f"the node does not know {name}: {message.failure_reason[:200]}")
     description = message.type_description
     parts = (description.type_description, *description.referenced_type_descriptions)
-    found = {_checked(each.type_name, _TYPE_NAME): _definition(each) for each in parts}
+    found = {_checked(each.type_name, TYPE_NAME): _definition(each) for each in parts}
     if name not in found or any(reference not in found for each in found.values() for reference in references(each)):
         raise DefinitionError(f"the description of {name} is not complete")
     told = type_hash(name, found)
@@ -132,7 +131,7 @@ def _type(kind: Any) -> Any:
     )
     inner: Any
     if base == NESTED:
-        inner = (2, _checked(kind.nested_type_name, _TYPE_NAME))
+        inner = (2, _checked(kind.nested_type_name, TYPE_NAME))
     elif base in _BASES:
         inner = (1, (_BASES[base], 0))
     elif base in _TEXTS:

@@ -180,7 +180,7 @@ class ProtobufType:
         for field in layout.fields.values():
             found = present.get(field.number, ())
             here = member_path(path, field.name)
-            entry = self._entry(field)
+            entry = self._definitions.entry(field)
             if entry is not None:
                 for key, one in self._entries(payload, entry, found).items():
                     self._add_value(payload, entry, one, member_path(here, key), most, depth + 1, leaves)
@@ -204,13 +204,6 @@ class ProtobufType:
         assert field.kind is not None
         value = field.default if slot is None else decode(field.kind, payload, slot.start, slot.end)
         return Leaf(path, field.kind.leaf, value)
-
-    def _entry(self, field: ProtobufField) -> Layout | None:
-        """Return the type of the entries of a map; None for other fields."""
-        if field.kind is not None or not field.repeated:
-            return None
-        layout = self._definitions.inside(field)
-        return layout if layout.entry and {1, 2} <= layout.numbers.keys() else None
 
     def _entries(self, payload: bytes, entry: Layout, found: Sequence[FieldEntry]) -> dict[str | int, FieldEntry]:
         """Return the last entry of each key."""
@@ -250,7 +243,7 @@ class ProtobufType:
             found: Sequence[FieldEntry] = ()
             if not missing:
                 found = found_of(payload, layout, parts, field)
-            entry = self._entry(field)
+            entry = self._definitions.entry(field)
             if entry is not None:
                 one = self._chosen(payload, entry, found, steps)
                 parts = (part_of(one),)

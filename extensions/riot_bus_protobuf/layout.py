@@ -150,6 +150,13 @@ class Definitions:
         assert found is not None  # fields of unknown types are left out
         return found
 
+    def entry(self, one: ProtobufField) -> Layout | None:
+        """Return the type of the entries of a map; None for other fields."""
+        if one.kind is not None or not one.repeated:
+            return None
+        layout = self.inside(one)
+        return layout if layout.entry and {1, 2} <= layout.numbers.keys() else None
+
     def serialized(self, name: str) -> bytes:
         """Return a descriptor set of the file that defines a message and of those that it imports."""
         from google.protobuf import descriptor_pb2
