@@ -151,7 +151,6 @@ def make_message(message_id: int, name: str, fields: Sequence[FieldText]) -> Mes
 
     Raises:
         DialectError: Two fields have the same name, or the fields do not fit in a payload.
-        MissingExtraError: fastcrc is not installed.
     """
     base = sorted((each for each in fields if not each.extension), key=lambda each: -SIZES[each.type])
     offsets: dict[str, int] = {}

@@ -84,11 +84,7 @@ class Dialect:
 
 
 def dialect_names() -> list[str]:
-    """Return the names of the dialects that pymavlink ships.
-
-    Raises:
-        MissingExtraError: pymavlink is not installed.
-    """
+    """Return the names of the dialects that pymavlink ships."""
     return sorted(file.stem for file in _shipped_folder().glob("*.xml"))
 
 

@@ -259,11 +259,7 @@ def checksum_fits(frame: Frame, crc_extra: int) -> bool:
 
 
 def seal(head: bytes, payload: bytes, crc_extra: int) -> bytes:
-    """Return a header and payload with their checksum; the header's length is taken as it is.
-
-    Raises:
-        MissingExtraError: fastcrc is not installed.
-    """
+    """Return a header and payload with their checksum; the header's length is taken as it is."""
     body = head + payload
     return body + _checksum(body[1:], crc_extra).to_bytes(2, "little")
 

@@ -53,7 +53,6 @@ def parse_dialect(data: bytes, *, where: str) -> DialectFile:
 
     Raises:
         ConfigError: The file is not XML, or defines something impossible.
-        MissingExtraError: fastcrc is not installed.
     """
     if len(data) > _MOST_BYTES:
         raise ConfigError(f"{len(data)} bytes are too many for a dialect", where=where)

@@ -37,7 +37,6 @@ def rebuild(root: Struct, count: Unpack, patch: Callable[[bytes, Mapping[str, Sc
     """Return the payload with all changes: lengths first, from the outside inwards.
 
     Args:
-        patch: Makes the changes that fit in place.
         changes: New values by path; all paths are known to exist in the type.
 
     Raises:
@@ -94,7 +93,6 @@ class _Place:
 
     Attributes:
         start: Offset at which it may begin, before its padding.
-        end: Offset of its end in the payload.
         rest: Nodes that follow, from the inside outwards, each with its number of repetitions.
     """
 

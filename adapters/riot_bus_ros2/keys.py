@@ -35,7 +35,6 @@ class DataKey:
 
     Attributes:
         topic: Full name, such as `/robot1/odom`.
-        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
         suffix: Suffix of buffer-aware endpoints: empty, `_buf_cpu` or `_buf/<gid>`.
     """
 
@@ -87,16 +86,12 @@ def dds_type(name: str) -> str:
 
 
 def key_expression(topic: str, *, domain: int | None = None) -> str | None:
-    """Return the key expression of a ROS name in any domain, with any type, hash and suffix.
+    """Return the key expression of a ROS name, with any type, hash and suffix; None if the text is not such a name.
 
     The type takes exactly one chunk, which excludes longer names: `/odom` does not match `/odom/filtered`.
 
     Args:
         topic: Name that begins with `/`; Zenoh's wildcards are allowed.
-        domain: ROS domain to match; None for any.
-
-    Returns:
-        None if the text is not a ROS topic name.
 
     Example:
         >>> key_expression("/odom")

@@ -46,7 +46,6 @@ def offer_of(
     """Return how to publish a topic, None if it is not a ROS topic.
 
     Args:
-        name: Another name for it.
         domain: Another ROS domain; by default that of the key, else that of `ROS_DOMAIN_ID`, else 0.
         type_hash: Returns the hash of a type that the bag does not contain.
     """
@@ -74,7 +73,6 @@ def clock_of(topics: Sequence[RecordedTopic], *, domain: int | None, type_hash: 
 
     Args:
         topics: The played topics; their subscribers use the same domain and the same form of type names.
-        domain: Another ROS domain than theirs.
     """
     keys = (parse_data_key(topic.key) for topic in topics if topic.keyed)
     example = next((key for key in keys if key is not None), None)

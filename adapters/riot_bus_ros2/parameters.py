@@ -36,11 +36,7 @@ _LOOK_S = 0.05  # how late the end of the system is noticed, and how soon a serv
 
 
 def request_of(values: Mapping[str, Scalar], store: TypeStore) -> bytes:
-    """Return the payload of a request that sets parameters.
-
-    Raises:
-        ConfigError: A value is not a boolean, integer, float or text.
-    """
+    """Return the payload of a request that sets parameters; raise ConfigError for a value of another type."""
     from riot_bus_ros2.cdr import CdrType
 
     changes: dict[str, Scalar] = {"len(parameters)": len(values)}

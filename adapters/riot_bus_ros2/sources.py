@@ -34,9 +34,7 @@ def read_interface(file: Path, name: str) -> dict[str, Definition]:
     """Read the definitions in a file.
 
     Raises:
-        OSError: The file cannot be read.
         ConfigError: It is too large, or no regular file.
-        UnicodeDecodeError: The file is not text.
         DefinitionError: The text does not parse.
     """
     return parse_file(given_text(file, most=_MOST_BYTES), name, file.suffix)

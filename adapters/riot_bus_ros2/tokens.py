@@ -60,7 +60,6 @@ class NodeEndpoint:
 
     Attributes:
         number: Number of the endpoint in its session.
-        topic: Full name of the topic or service.
         type_hash: Hash of its type, None if the distribution has no hashes.
         backend: Memory description of a buffer-aware endpoint; empty for all others.
     """

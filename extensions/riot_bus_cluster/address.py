@@ -53,7 +53,6 @@ def connect(executor: str) -> Client:
     Raises:
         ConfigError: It must not be used like this; the message says why, and what to do.
         EnvironmentFaultError: No scheduler answers.
-        MissingExtraError: Dask is not installed.
     """
     with needs_extra("distributed", "cluster"):
         import dask.config

@@ -82,9 +82,7 @@ class WorkerState:
 
     Attributes:
         name: Name of the process that it keeps for us.
-        begun: Its answer to `begin`.
         refused: Reason why it takes no trials; empty if it does.
-        ready: Whether it has agreed to take trials.
     """
 
     slot: int
@@ -100,9 +98,6 @@ class ClusterWorkers:
 
     Args:
         jobs: Maximum number of workers to use; 0 for all.
-
-    Raises:
-        RiotError: As `connect` raises it.
     """
 
     def __init__(self, executor: str, context: Context, jobs: int = 0) -> None:
@@ -372,7 +367,6 @@ class WorkerCheck:
 
     Attributes:
         host: Name of its machine; empty if it has not answered.
-        refused: Reason why it takes no trials; empty if it does.
     """
 
     address: str
@@ -381,11 +375,7 @@ class WorkerCheck:
 
 
 def check_cluster(executor: str, context: Context) -> list[WorkerCheck]:
-    """Ask all workers of a cluster whether they would take trials of a system.
-
-    Raises:
-        RiotError: As `connect` raises it.
-    """
+    """Ask all workers of a cluster whether they would take trials of a system."""
     client = connect(executor)
     try:
         facts = facts_of(context)

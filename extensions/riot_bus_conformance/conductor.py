@@ -160,9 +160,5 @@ class _Conductor:
 def conduct(
     scenario: Scenario, network: ScenarioNetwork, *, config: Mapping[str, Any], timeout: float
 ) -> dict[str, Observation]:
-    """Run both ends and return what they saw, by end.
-
-    Raises:
-        EndFailedError: An end failed.
-    """
+    """Run both ends and return what they saw, by end; raise EndFailedError if one fails or the seconds are over."""
     return _Conductor(scenario, network, config).run(timeout)

@@ -202,11 +202,7 @@ class ScenarioEnd(ABC):
         self._say({"signal": name, "value": value})
 
     def wait(self, name: str, timeout: float = DEADLINE_S) -> Any:
-        """Return the value of the other end's signal.
-
-        Raises:
-            TimeoutError: The signal did not come in time.
-        """
+        """Return the value of the other end's signal; raise TimeoutError if it does not come in time."""
         with self._changed:
             if not self._changed.wait_for(lambda: self._signals[name], timeout):
                 raise TimeoutError(f"{self.name}: no signal {name!r} within {timeout:g} s")
@@ -246,11 +242,7 @@ class ScenarioEnd(ABC):
         release(*probes)
 
     def matched(self, declared: Any, *, matching: bool = True, timeout: float = DEADLINE_S) -> None:
-        """Wait until a publisher or querier has a matching counterpart, or none.
-
-        Raises:
-            TimeoutError: The expected matching status was not reached in time.
-        """
+        """Wait until a publisher or querier has a matching counterpart, or none; raise TimeoutError if it never has."""
         self.until(lambda: declared.matching_status.matching == matching, f"matching to be {matching}", timeout)
 
     def until(

@@ -33,13 +33,7 @@ _TIMEOUT_S = 40.0  # waits for messages take at most 10 s each; ends that need m
 
 @dataclass(frozen=True)
 class WayOutcome:
-    """Result of a scenario in one way.
-
-    Attributes:
-        way: One of `OURS`, or the name of a running router.
-        error: Reason why there are no observations.
-        skipped: Reason why it was not tried.
-    """
+    """Result of a scenario in one way."""
 
     way: str
     observations: Mapping[str, Any] = field(default_factory=dict)

@@ -61,7 +61,6 @@ class _Spot(NamedTuple):
     """The place of a field, or where it would be.
 
     Attributes:
-        found: Its entries; empty for an element of an array.
         slot: Place of its value; None if it is not on the wire or is an array.
         part: The innermost message around it that is on the wire.
         missing: Messages between that one and the field that are not on the wire.
