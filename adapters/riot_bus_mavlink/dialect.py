@@ -138,11 +138,7 @@ def _read(file: Path, parts: dict[Path, DialectFile]) -> None:
     found = parse_dialect(data, where=str(file))
     parts[place] = DialectFile()  # placeholder, so that circular includes end
     for include in found.includes:
-        _read(_included(include, file), parts)
+        beside = file.parent / include
+        _read(beside if beside.is_file() else _shipped_folder() / Path(include).name, parts)
     del parts[place]
     parts[place] = found
-
-
-def _included(name: str, by: Path) -> Path:
-    beside = by.parent / name
-    return beside if beside.is_file() else _shipped_folder() / Path(name).name

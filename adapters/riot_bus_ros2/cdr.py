@@ -160,7 +160,9 @@ class CdrType:
                         raise self._truncated(payload)
                 elif isinstance(target, Text):
                     position, end = target.span(payload, position, count)
-                    packed = _encoded(value)
+                    if not isinstance(value, str):
+                        raise PayloadError(f"{value!r} is not a string")
+                    packed = encoded_text(value)
                     if len(packed) != end - position:
                         raise PayloadError(f"text of {len(packed)} bytes instead of {end - position}", hint=REBUILD)
                 else:
@@ -256,12 +258,6 @@ def _spliced(payload: bytes, splices: list[tuple[int, bytes]]) -> bytes:
     for position, packed in splices:
         data[position : position + len(packed)] = packed
     return bytes(data)
-
-
-def _encoded(value: Scalar) -> bytes:
-    if not isinstance(value, str):
-        raise PayloadError(f"{value!r} is not a string")
-    return encoded_text(value)
 
 
 def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, elements: int, found: list[Leaf]) -> int:

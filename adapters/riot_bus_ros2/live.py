@@ -111,17 +111,16 @@ def described(reply: bytes, name: str, wanted: str, store: TypeStore) -> dict[st
         raise DefinitionError(f"the node does not know {name}: {message.failure_reason[:200]}")
     description = message.type_description
     parts = (description.type_description, *description.referenced_type_descriptions)
-    found = {_checked(each.type_name, TYPE_NAME): _definition(each) for each in parts}
+    found: dict[str, Definition] = {}
+    for each in parts:
+        fields = [(_checked(field.name, _NAME), _type(field.type)) for field in each.fields]
+        found[_checked(each.type_name, TYPE_NAME)] = [], fields
     if name not in found or any(reference not in found for each in found.values() for reference in references(each)):
         raise DefinitionError(f"the description of {name} is not complete")
     told = type_hash(name, found)
     if told != wanted:
         raise DefinitionError(f"the description of {name} has another hash: {told}")
     return found
-
-
-def _definition(description: Any) -> Definition:
-    return [], [(_checked(field.name, _NAME), _type(field.type)) for field in description.fields]
 
 
 def _type(kind: Any) -> Any:

@@ -206,7 +206,8 @@ class Definitions:
             "" if kind is not None else target,
             repeated,
             packed=repeated and kind is not None and kind.wire != KINDS["bytes"].wire and _packed(one, file),
-            group=type_name == "group" or _delimited(one, file),
+            group=type_name == "group"
+            or (str(file.syntax) == "editions" and _feature("message_encoding", one, file) == _DEVIATES),
             presence=not repeated and not entry and (kind is None or _presence(one, file)),
             oneof=one.oneof_index if one.HasField("oneof_index") else -1,
             low=min(names)[0] if names else None,
@@ -229,10 +230,6 @@ def _packed(one: Any, file: Any) -> bool:
     if one.options.HasField("packed"):
         return bool(one.options.packed)
     return bool(file.syntax == "proto3")
-
-
-def _delimited(one: Any, file: Any) -> bool:
-    return str(file.syntax) == "editions" and _feature("message_encoding", one, file) == _DEVIATES
 
 
 def _feature(name: str, one: Any, file: Any) -> int:
