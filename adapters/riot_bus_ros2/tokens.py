@@ -39,11 +39,8 @@ class Node:
     """A ROS node.
 
     Attributes:
-        domain: ROS domain (`ROS_DOMAIN_ID`).
-        zid: Id of its Zenoh session.
         number: Number of the node in the session.
         name: Full name, such as `/robot1/planner`.
-        enclave: Enclave of SROS 2.
         prefix: The session's Zenoh namespace.
     """
 
@@ -60,13 +57,8 @@ class NodeEndpoint:
     """A publisher, subscriber, service server or service client of a node.
 
     Attributes:
-        node: The node that has it.
         number: Number of the endpoint in its session.
-        kind: Kind of the entity.
-        topic: Full name of the topic or service.
-        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
         type_hash: Hash of its type, None if the distribution has no hashes.
-        qos: Its quality of service.
         backend: Memory description of a buffer-aware endpoint; empty for all others.
     """
 
@@ -145,12 +137,7 @@ def build_token(of: Node | NodeEndpoint) -> str:
 
 
 def details_of(key: str, tokens: Iterable[str]) -> dict[str, str]:
-    """Return the offered QoS of all publishers of a key, as rosbag2 writes it; empty if there is none.
-
-    Args:
-        key: A data key of rmw_zenoh.
-        tokens: Liveliness tokens.
-    """
+    """Return the offered QoS of all publishers of a key, as rosbag2 writes it; empty if there is none."""
     wanted = parse_data_key(key)
     if wanted is None:
         return {}

@@ -83,11 +83,7 @@ class CallCollector:
 
 
 class Inbox(CallCollector):
-    """Collects samples.
-
-    Attributes:
-        handle: The subscriber, kept so that it lives as long as the inbox.
-    """
+    """Collects samples."""
 
     def __init__(self) -> None:
         super().__init__()

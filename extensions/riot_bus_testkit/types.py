@@ -435,10 +435,6 @@ def _size(value: Scalar) -> int:
     return 16 + len(value) if isinstance(value, bytes) else 0
 
 
-class _TooMuchWorkError(AssertionError):
-    """More lines were executed than the size of the payload explains."""
-
-
 def _bounded(act: Callable[[], object], most: int) -> object:
     """Call a function; raise an error if it executes more than `most` lines of Python."""
     left = most
@@ -449,7 +445,7 @@ def _bounded(act: Callable[[], object], most: int) -> object:
         if event == "line":
             left -= 1
             if left < 0:
-                raise _TooMuchWorkError(f"more than {most} lines of Python were executed")
+                raise AssertionError(f"more than {most} lines of Python were executed")
         return count
 
     before = sys.gettrace()
