@@ -55,6 +55,8 @@ def test_if_nothing_external_reaches_the_unit_what_feeds_it_is_external() -> Non
     assert outside(draft.parts) == {"a", "clock"}
     assert draft.external == {"a": "from a"}
     assert "it feeds b" in draft.parts[0].external
+    own = (part("a", "c b", "a"), part("b", "a b", "b"), part("c", "b", "c"))
+    assert outside(draft_of(own, unit="b").parts) == {"a"}  # what it tells itself does not come from outside
 
 
 def test_the_unit_stays_inside_even_if_it_subscribes_to_nothing() -> None:

@@ -124,7 +124,7 @@ def test_of_too_many_keys_the_busiest_are_shown(world: World, monkeypatch: pytes
     monkeypatch.setattr(observe, "_MOST_FLOWS", 2)
     world.counts = {("a", "in"): 5, ("b", "in"): 5}
     assert not world.look().left_out
-    world.counts |= {("c", "in"): 5, ("d", "in"): 4}
+    world.counts = {("c", "in"): 5, ("d", "in"): 4} | world.counts
     seen = world.look()
     assert seen.left_out
     assert set(seen.flows) == {("a", "in"), ("b", "in")}  # which are as busy as others, but are shown already

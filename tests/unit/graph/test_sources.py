@@ -32,6 +32,7 @@ class Session:
         self.closed: list[str] = []
         self.listeners: dict[str, Any] = {}
         self.receivers: set[str] = set()
+        self.declared: list[str] = []
         self.replies: list[Any] = []
 
     def zid(self) -> str:
@@ -57,6 +58,7 @@ class Session:
 
     def declare_publisher(self, key: str, **_: Any) -> Any:
         session = self
+        self.declared.append(key)
 
         class Publisher:
             @property
@@ -179,6 +181,7 @@ def test_a_key_is_watched_once_until_the_source_stops(session: Any) -> None:
     assert source.matching() == set()
     session.receivers.add("k")
     assert source.matching() == {"k"}
+    assert session.declared == ["j", "k"]
     source.stop()
     source.stop()
     assert sorted(session.closed) == ["**/@adv/**", "j", "k", "link", "transport"]
