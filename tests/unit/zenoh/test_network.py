@@ -71,7 +71,7 @@ def test_it_opens_once_and_closes_in_reverse() -> None:
     with network:
         network.open()
         network.begin(["k"])
-        assert network.sessions == {"a": "session of a", "b": "session of b"}
+        assert dict[str, object](network.sessions) == {"a": "session of a", "b": "session of b"}
         assert network.linked() == {"a", "b", "j"}
         assert network.segments["a"].more["hidden"] == ["at/a"]  # type: ignore[attr-defined]
         assert network.segments["a"].more["config"] == {"id": "a"}  # type: ignore[attr-defined]
