@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from riot_bus_mavlink.frame import load_crc
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 LONGEST_PAYLOAD = 255  # a frame tells the length of its payload in one byte
 
@@ -30,7 +27,6 @@ class FieldText:
     """A field as a dialect's file defines it.
 
     Attributes:
-        name: Name of the field, such as `lat`.
         type: Type of an element, one of `SIZES`, such as `int32_t`.
         array: Number of elements, 0 if it is not an array.
         extension: Whether it is absent in MAVLink 1 and does not count for `crc_extra`.
@@ -83,7 +79,6 @@ class MessageTable:
 
     Attributes:
         id: Message id, 0 to 16777215.
-        name: Name of the message, such as `GLOBAL_POSITION_INT`.
         places: Its fields in the order of its definition.
         base_size: Bytes of its payload in MAVLink 1.
         size: Bytes of its payload in MAVLink 2, before trailing zeros are cut off.
@@ -123,8 +118,6 @@ class EnumEntry:
     """One value of an enum of a dialect.
 
     Attributes:
-        name: Name of the value, such as `MAV_CMD_NAV_WAYPOINT`.
-        value: Its number.
         params: Definitions of its parameters if it is a command, which is a value of MAV_CMD; otherwise none.
     """
 
@@ -155,7 +148,6 @@ def make_message(message_id: int, name: str, fields: Sequence[FieldText]) -> Mes
 
     Raises:
         DialectError: Two fields have the same name, or the fields do not fit in a payload.
-        MissingExtraError: fastcrc is not installed.
     """
     base = sorted((each for each in fields if not each.extension), key=lambda each: -SIZES[each.type])
     offsets: dict[str, int] = {}

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.given_files import given_bytes
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean, require_package
 from riot_bus_mavlink.definitions import EnumTable, MessageTable
 from riot_bus_mavlink.xml_files import DialectFile, parse_dialect
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
 
 DEFAULT = "all"
 """The dialect that contains all others that pymavlink ships."""
@@ -25,12 +22,7 @@ class Dialect:
     """The messages that are known.
 
     Args:
-        name: Name of the dialect.
         parts: Contents of its files; later ones replace messages with the same id or name, and add to enums.
-
-    Attributes:
-        messages: The messages by id.
-        enums: The enums by name.
     """
 
     def __init__(self, name: str, parts: Iterable[DialectFile]) -> None:
@@ -89,11 +81,7 @@ class Dialect:
 
 
 def dialect_names() -> list[str]:
-    """Return the names of the dialects that pymavlink ships.
-
-    Raises:
-        MissingExtraError: pymavlink is not installed.
-    """
+    """Return the names of the dialects that pymavlink ships."""
     return sorted(file.stem for file in _shipped_folder().glob("*.xml"))
 
 
@@ -147,11 +135,7 @@ def _read(file: Path, parts: dict[Path, DialectFile]) -> None:
     found = parse_dialect(data, where=str(file))
     parts[place] = DialectFile()  # placeholder, so that circular includes end
     for include in found.includes:
-        _read(_included(include, file), parts)
+        beside = file.parent / include
+        _read(beside if beside.is_file() else _shipped_folder() / Path(include).name, parts)
     del parts[place]
     parts[place] = found
-
-
-def _included(name: str, by: Path) -> Path:
-    beside = by.parent / name
-    return beside if beside.is_file() else _shipped_folder() / Path(name).name

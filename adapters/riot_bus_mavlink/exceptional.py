@@ -34,11 +34,7 @@ def exceptional_values(
     """Return what is worth trying in a field of a message.
 
     Args:
-        kind: Reads the payload.
-        message: The definition.
-        enums: The enums of the dialect.
         payload: A sample; it tells which command the parameters belong to.
-        path: Path of the field, or of an element of an array.
     """
     name, index = _split(path)
     place = message.places.get(name)

@@ -7,13 +7,11 @@ definition (`crc_extra`), and, in signed frames of MAVLink 2, a signature of 13 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 from riot_bus.vocabulary.errors import PayloadError, needs_extra
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
 
 ENCODING = "application/octet-stream;mavlink"
 """The encoding of frames on the bus, the same as in mavlink-server."""
@@ -128,7 +126,6 @@ class Framer:
         """Take packets as long as each is exactly one unsigned frame of MAVLink 2, of a known kind.
 
         Args:
-            packets: Packets as they were received.
             first: Index of the first packet to take.
             kinds: Known kinds, by the bytes at `KIND`.
 
@@ -236,7 +233,8 @@ def parse_frame(data: bytes) -> Frame:
     """
     size = len(data)
     if is_plain(data):
-        return _unsigned(data)
+        number = data[7] | data[8] << 8 | data[9] << 16
+        return _new(Frame, (data, 2, data[4], data[5], data[6], number, False))  # faster than `Frame(...)`
     if size < 8 or data[0] not in _STARTS:
         raise PayloadError("not a MAVLink frame: it begins with FE or FD and has at least 8 bytes")
     length = frame_length(data, 0)
@@ -260,11 +258,7 @@ def checksum_fits(frame: Frame, crc_extra: int) -> bool:
 
 
 def seal(head: bytes, payload: bytes, crc_extra: int) -> bytes:
-    """Return a header and payload with their checksum; the header's length is taken as it is.
-
-    Raises:
-        MissingExtraError: fastcrc is not installed.
-    """
+    """Return a header and payload with their checksum; the header's length is taken as it is."""
     body = head + payload
     return body + _checksum(body[1:], crc_extra).to_bytes(2, "little")
 
@@ -303,8 +297,7 @@ def trimmed(payload: bytes) -> bytes:
 
 
 def _checksum(data: bytes, crc_extra: int) -> int:
-    crc = load_crc()
-    return crc(data + _EXTRA[crc_extra], _CRC_START)
+    return load_crc()(data + _EXTRA[crc_extra], _CRC_START)
 
 
 def _next_start(data: bytes, at: int) -> int:
@@ -324,12 +317,6 @@ def frame_length(data: bytes, at: int) -> int:
     if flags & ~SIGNED:
         return -1
     return 12 + data[at + 1] + (SIGNATURE if flags else 0)
-
-
-def _unsigned(raw: bytes) -> Frame:
-    """Return an unsigned frame of MAVLink 2, faster than by calling `Frame` with its arguments."""
-    number = raw[7] | raw[8] << 8 | raw[9] << 16
-    return _new(Frame, (raw, 2, raw[4], raw[5], raw[6], number, False))
 
 
 def _parse(data: bytes, at: int, length: int) -> Frame:

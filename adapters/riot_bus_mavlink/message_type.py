@@ -125,12 +125,7 @@ class MavlinkType:
     rebuild = patch
 
     def patcher(self, path: str, value: Scalar) -> Callable[[bytes], bytes] | None:
-        """Return a function that sets a field to a fixed value.
-
-        Args:
-            path: Path of the field.
-            value: Value that it is set to.
-        """
+        """Return a function that sets a field to a fixed value."""
         slot = None if path in HEADER else self._slot(path)
         if slot is None or isinstance(slot, Place):
             return None

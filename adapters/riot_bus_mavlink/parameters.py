@@ -103,13 +103,7 @@ def unpacked(data: bytes, kind: ParameterKind) -> str:
 
 
 def set_parameters(request: ParameterRequest, *, dialect: Dialect, keys: KeyTemplate) -> dict[str, str]:
-    """Set parameters of a component one after the other, as `riot_bus.types.capabilities.SetsParameters` says.
-
-    Args:
-        request: The component, by the ids of its system and its own such as `1/1`, and the values.
-        dialect: The messages that are known.
-        keys: Template of the keys of frames.
-    """
+    """Set parameters of a component one after the other, as `riot_bus.types.capabilities.SetsParameters` says."""
     for name in request.values:
         if not 0 < len(name.encode()) <= _NAME:
             raise ConfigError(f"{name!r} is not the name of a parameter", hint=f"it has up to {_NAME} characters")

@@ -22,9 +22,6 @@ _MOST_STREAMS = 1 << 14  # of 2**24 that ids can tell apart: bounds memory at ab
 class Signer:
     """Signs frames, and checks signatures.
 
-    Args:
-        key: The secret key.
-
     Raises:
         ConfigError: The key does not have 32 bytes.
     """
@@ -61,9 +58,6 @@ class Renewer:
 
     Each sender (system and component) has its own timestamp on each link. When there are 16384 of them and another one
     comes, the one heard first is forgotten.
-
-    Args:
-        signer: Signer with the key.
     """
 
     def __init__(self, signer: Signer) -> None:

@@ -7,7 +7,7 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.types.model import parse_path, wrap_integer
+from riot_bus.types.model import encoded_text, parse_path, wrap_integer
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 
 if TYPE_CHECKING:
@@ -91,11 +91,7 @@ class TextSlot:
         """
         if not isinstance(value, str):
             raise PayloadError(f"{value!r} is not text", where=self.path)
-        try:
-            data = value.encode(errors="surrogateescape")
-        except UnicodeEncodeError as error:
-            raise PayloadError(f"{value!r} cannot be encoded: {error}", where=self.path) from error
-        return data[: self.size].ljust(self.size, b"\0")
+        return encoded_text(value, self.path)[: self.size].ljust(self.size, b"\0")
 
 
 Slot = NumberSlot | TextSlot
@@ -103,11 +99,7 @@ Slot = NumberSlot | TextSlot
 
 def slots_of(message: MessageTable) -> dict[str, Slot]:
     """Return the single values of a message by path, in the order of its definition."""
-    found: dict[str, Slot] = {}
-    for name, place in message.places.items():
-        for slot in _slots(name, place):
-            found[slot.path] = slot
-    return found
+    return {slot.path: slot for name, place in message.places.items() for slot in _slots(name, place)}
 
 
 def find_slot(slots: dict[str, Slot], message: MessageTable, path: str) -> Slot | Place:
@@ -116,8 +108,7 @@ def find_slot(slots: dict[str, Slot], message: MessageTable, path: str) -> Slot 
     Raises:
         PayloadError: There is no such field.
     """
-    slot = slots.get(path)
-    if slot is not None:
+    if (slot := slots.get(path)) is not None:
         return slot
     parsed = parse_path(path)
     place = message.places.get(path[len("len(") : -1]) if parsed.length else None

@@ -33,9 +33,6 @@ class TlogRecord(NamedTuple):
 class TlogReader:
     """Splits a telemetry log into records, in pieces of any size; after damage it continues with the next valid record.
 
-    Args:
-        crc_extra: Returns a message's CRC extra byte, None if the message is unknown.
-
     Attributes:
         counts: Counts of the log, in which a frame includes its time; one with a wrong checksum only counts as such if
             the next record follows it.
@@ -101,12 +98,7 @@ class TlogReader:
 
 
 class TlogUnpacker:
-    """A telemetry log as messages of the bus: `riot_bus.types.capabilities.Unpacker`.
-
-    Args:
-        dialect: Knows the messages.
-        template: Makes their keys.
-    """
+    """A telemetry log as messages of the bus: `riot_bus.types.capabilities.Unpacker`."""
 
     def __init__(self, dialect: Dialect, template: KeyTemplate) -> None:
         self._dialect, self._template = dialect, template
@@ -145,6 +137,5 @@ def tlog_record(time: int, raw: bytes) -> bytes:
 
     Args:
         time: Nanoseconds since the Unix epoch.
-        raw: One frame.
     """
     return (max(0, time) // 1_000).to_bytes(_TIME) + raw

@@ -90,12 +90,7 @@ def values_of_unit(unit: str) -> list[tuple[float, str]]:
     >>> values_of_unit("d%")
     [(0.0, 'nothing'), (1000.0, 'all'), (1010.0, 'more than all'), (-10.0, 'less than nothing')]
     """
-    base, scale = _resolve(unit)
+    base, scale = _NAMES.get(unit, (unit, 1))
+    if base not in _BASES and (match := _PREFIXED.fullmatch(unit)):
+        base, scale = match[2], _PREFIXES[match[1]]
     return [(value * scale, reason) for value, reason in _BASES.get(base, ())]
-
-
-def _resolve(unit: str) -> tuple[str, float]:
-    if unit in _NAMES:
-        return _NAMES[unit]
-    match = None if unit in _BASES else _PREFIXED.fullmatch(unit)
-    return (unit, 1) if match is None else (match[2], _PREFIXES[match[1]])

@@ -51,13 +51,8 @@ class _Builder(ElementTree.TreeBuilder):
 def parse_dialect(data: bytes, *, where: str) -> DialectFile:
     """Read the XML of a dialect, without the files that it includes.
 
-    Args:
-        data: Content of the file.
-        where: Name of the file in errors.
-
     Raises:
         ConfigError: The file is not XML, or defines something impossible.
-        MissingExtraError: fastcrc is not installed.
     """
     if len(data) > _MOST_BYTES:
         raise ConfigError(f"{len(data)} bytes are too many for a dialect", where=where)

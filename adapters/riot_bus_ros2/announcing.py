@@ -30,10 +30,6 @@ _ACTIONS = ("AS", "AC")
 def announcement_of(token: str, *, namespace: str = "/") -> Announcement | None:
     """Return what a token announces, None if it is not a token of ROS 2.
 
-    Args:
-        token: The token's key.
-        namespace: ROS namespace of the bridges.
-
     Example:
         >>> announcement_of("@/3f/@ros2_lv/AS/dock/nav_msgs§action§Dock").action
         '/dock'

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.types.model import REBUILD, Leaf, Schema, check_leaves, member_path, parse_path, why_opaque
+from riot_bus.types.model import REBUILD, Leaf, Schema, check_leaves, encoded_text, member_path, parse_path, why_opaque
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.cdr_fields import list_fields, list_parts
 from riot_bus_ros2.cdr_layout import (
@@ -52,8 +52,6 @@ class CdrType:
     """One ROS 2 message type in CDR, little- or big-endian.
 
     Args:
-        name: Type name such as `nav_msgs/msg/Odometry`.
-        store: Source of its definition and those of its parts.
         schema: The definition from a log; by default written from `store`.
         opaque: Reason why the definition cannot be trusted; empty if it can.
     """
@@ -162,7 +160,9 @@ class CdrType:
                         raise self._truncated(payload)
                 elif isinstance(target, Text):
                     position, end = target.span(payload, position, count)
-                    packed = _encoded(value)
+                    if not isinstance(value, str):
+                        raise PayloadError(f"{value!r} is not a string")
+                    packed = encoded_text(value)
                     if len(packed) != end - position:
                         raise PayloadError(f"text of {len(packed)} bytes instead of {end - position}", hint=REBUILD)
                 else:
@@ -195,20 +195,13 @@ class CdrType:
             raise
 
     def patcher(self, path: str, value: Scalar) -> Callable[[bytes], bytes] | None:
-        """Return a function that sets a field to a fixed value, None unless its place is the same in all payloads.
-
-        Args:
-            path: Path of a scalar field.
-            value: Value that it is set to.
-        """
+        """Return a function that sets a field to a fixed value, None unless its place is the same in all payloads."""
         plan = self._plans.get(path) or self._plan(path)
         target = plan.target
         if plan.steps or not isinstance(target, Number):
             return None
         start, end = plan.start, plan.start + target.size
-        data = {}
-        for head, count in ((b"\0\1", COUNT_LE), (b"\0\0", COUNT_BE)):
-            data[head] = target.pack(count, value)
+        data = {head: target.pack(count, value) for head, count in ((b"\0\1", COUNT_LE), (b"\0\0", COUNT_BE))}
 
         def patch(payload: bytes) -> bytes:
             packed = data.get(payload[:2])
@@ -265,15 +258,6 @@ def _spliced(payload: bytes, splices: list[tuple[int, bytes]]) -> bytes:
     for position, packed in splices:
         data[position : position + len(packed)] = packed
     return bytes(data)
-
-
-def _encoded(value: Scalar) -> bytes:
-    if not isinstance(value, str):
-        raise PayloadError(f"{value!r} is not a string")
-    try:
-        return value.encode(errors="surrogateescape")
-    except UnicodeEncodeError as error:
-        raise PayloadError(f"{value!r} cannot be encoded: {error}") from error
 
 
 def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, elements: int, found: list[Leaf]) -> int:

@@ -54,12 +54,7 @@ def gather(way: Way, payloads: Payloads) -> Gathered:
 
 
 def elements(way: Way, payloads: Payloads) -> Iterator[NDArray[Any]]:
-    """Yield all elements of an array of numbers, some payloads at a time; damaged payloads are left out.
-
-    Args:
-        way: Path from the message to the array.
-        payloads: Any number of payloads.
-    """
+    """Yield all elements of an array of numbers, some payloads at a time; damaged payloads are left out."""
     target = way.target
     assert isinstance(target, Array)
     if not isinstance(target.element, Number):

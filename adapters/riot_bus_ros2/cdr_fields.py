@@ -29,10 +29,6 @@ Constants = Callable[[str], "Sequence[tuple[str, str, object]]"]
 def list_fields(root: Struct, constants: Constants = lambda _: ()) -> list[FieldType]:
     """List the scalar fields, and the elements and lengths of arrays, in payload order.
 
-    Args:
-        root: Layout of the type.
-        constants: Constants of types, from which values have names.
-
     Raises:
         PayloadError: The type has opaque parts.
     """
@@ -89,10 +85,6 @@ def _type_of(node: Node) -> str:
 
 def list_parts(name: str, fields_of: Callable[[str], Iterable[Field]]) -> list[MessagePart]:
     """Return a type and all message types in it, outer ones first, `MOST_PARTS` at most.
-
-    Args:
-        name: Name of the type.
-        fields_of: Returns a type's fields; raises KeyError if it is unknown.
 
     Raises:
         KeyError: A type is unknown.

@@ -105,19 +105,16 @@ class Number:
         if self.type == "bool" and isinstance(value, int):
             return bytes((value & 0xFF,))
         order = self.little if count is COUNT_LE else self.big
-        try:
-            return order.pack(self._fit(value))
-        except OverflowError:
-            return order.pack(math.copysign(math.inf, _sign(value)))
-
-    def _fit(self, value: Scalar) -> int | float | bool:
         if isinstance(value, str | bytes):
             raise PayloadError(f"{value!r} is not of type {self.type}")
         if self.type.startswith("float"):
-            return float(value)
+            try:
+                return order.pack(float(value))
+            except OverflowError:
+                return order.pack(math.inf if value > 0 else -math.inf)
         if isinstance(value, float) and not math.isfinite(value):
             raise PayloadError(f"{value} is not of type {self.type}")
-        return wrap_integer(int(value), bits=8 * self.size, signed=self.type.startswith("int"))
+        return order.pack(wrap_integer(int(value), bits=8 * self.size, signed=self.type.startswith("int")))
 
 
 class Text:
@@ -289,8 +286,6 @@ def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: d
     """Return the layout of a type; parts that are unknown or not supported are opaque.
 
     Args:
-        name: Name of the type.
-        store: Source of the definitions.
         outer: The types that it is nested in.
         done: Finished layouts by name, to which new ones are added.
     """
@@ -374,7 +369,3 @@ def skip_elements(node: Node, number: int, data: Data, position: int, count: Unp
     for _ in range(number):
         position = node.skip(data, position, count)
     return position
-
-
-def _sign(value: Scalar) -> float:
-    return -1.0 if isinstance(value, int | float) and value < 0 else 1.0

@@ -37,10 +37,6 @@ def rebuild(root: Struct, count: Unpack, patch: Callable[[bytes, Mapping[str, Sc
     """Return the payload with all changes: lengths first, from the outside inwards.
 
     Args:
-        root: Layout of the type.
-        count: Reader of counts, in the payload's byte order.
-        patch: Makes the changes that fit in place.
-        payload: Payload of one message.
         changes: New values by path; all paths are known to exist in the type.
 
     Raises:
@@ -96,9 +92,7 @@ class _Place:
     """Where a field is, and what follows it.
 
     Attributes:
-        node: The field.
         start: Offset at which it may begin, before its padding.
-        end: Offset of its end in the payload.
         rest: Nodes that follow, from the inside outwards, each with its number of repetitions.
     """
 

@@ -64,11 +64,6 @@ _NON_FINITE = {
 
 
 def allows_non_finite(type_name: str, path: str) -> bool:
-    """Return whether NaN or an infinity in a field means that there is no value, such as "not measured" or "no echo".
-
-    Args:
-        type_name: Name of the type, such as `sensor_msgs/msg/LaserScan`.
-        path: Path of a field, or of an element of an array.
-    """
+    """Return whether NaN or an infinity in a field means that it has no value, such as "not measured" or "no echo"."""
     fields = _NON_FINITE.get(type_name)
     return fields is not None and re.fullmatch(fields, path) is not None

@@ -22,7 +22,7 @@ _MOST_TEXT = 1 << 20  # bounds the parser's time for any text of a node; Jazzy's
 _DIVIDER = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _SECTION = re.compile(r"^=+\n(?:MSG|IDL): *(\S+)[ \t]*\n", re.MULTILINE)
 _EVENT = re.compile(r"(\w+/srv/\w+)_Event")
-_NAMES = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
+TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
 _PART = re.compile(
     r"_(?:(?:SendGoal|GetResult)(?:_(?:Request|Response|Event))?|Goal|Result|Feedback|FeedbackMessage"
     r"|Request|Response|Event)$"
@@ -45,10 +45,7 @@ class Field(NamedTuple):
     """One field.
 
     Attributes:
-        name: Name of the field.
         content: Base type such as `float64`, or a message type's name.
-        is_message: Whether `content` is a message type.
-        is_array: Whether it is an array or a sequence of `content`.
         length: Length of an array; None for a sequence.
         most: Upper bound of a sequence's length; 0 if there is none.
         most_bytes: Upper bound of a string's length; 0 if there is none.
@@ -99,11 +96,6 @@ def normal_name(name: str) -> str:
 
 def parse_file(text: str, name: str, suffix: str) -> dict[str, Definition]:
     """Parse the text of an interface's file.
-
-    Args:
-        text: Content of the file.
-        name: Name of the interface, such as `pkg/srv/Name`.
-        suffix: Suffix of the file: `.msg`, `.srv`, `.action` or `.idl`.
 
     Returns:
         The definitions by name; for services and actions, all messages that rosidl makes of them.
@@ -194,7 +186,7 @@ def _parsed(parse: Callable[[str], Any], text: str) -> dict[str, Definition]:
         _respelled(name): (list(each[0]), [_mended(field, _respelled) for field in each[1]])
         for name, each in parsed.items()
     }
-    odd = next((name for name in found if _NAMES.fullmatch(name) is None), None)
+    odd = next((name for name in found if TYPE_NAME.fullmatch(name) is None), None)
     if odd is not None:
         raise DefinitionError(f"{odd!r} is not the name of a type")
     return found

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus_ros2.definitions import Definition
     from riot_bus_ros2.store import TypeStore
 
-_SUFFIXES = tuple(f".{kind}" for kind in KINDS)
-
 
 def load_files(files: Sequence[Path], store: TypeStore) -> None:
     """Register files, or all files in directories, in the layout shown above.

@@ -34,7 +34,6 @@ def type_hash(name: str, closure: Mapping[str, Definition]) -> str:
     """Return the hash of a type.
 
     Args:
-        name: Name of the type.
         closure: Its definition and those of all types in it, and no others.
 
     Raises:

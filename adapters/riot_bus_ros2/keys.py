@@ -34,10 +34,7 @@ class DataKey:
     """A topic or service of one ROS domain; `type_hash` is None where the distribution has none.
 
     Attributes:
-        domain: ROS domain (`ROS_DOMAIN_ID`).
         topic: Full name, such as `/robot1/odom`.
-        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
-        type_hash: Hash of its type, such as `RIHS01_df66...`.
         suffix: Suffix of buffer-aware endpoints: empty, `_buf_cpu` or `_buf/<gid>`.
     """
 
@@ -89,16 +86,12 @@ def dds_type(name: str) -> str:
 
 
 def key_expression(topic: str, *, domain: int | None = None) -> str | None:
-    """Return the key expression of a ROS name in any domain, with any type, hash and suffix.
+    """Return the key expression of a ROS name, with any type, hash and suffix; None if the text is not such a name.
 
     The type takes exactly one chunk, which excludes longer names: `/odom` does not match `/odom/filtered`.
 
     Args:
         topic: Name that begins with `/`; Zenoh's wildcards are allowed.
-        domain: ROS domain to match; None for any.
-
-    Returns:
-        None if the text is not a ROS topic name.
 
     Example:
         >>> key_expression("/odom")
@@ -155,23 +148,13 @@ def action_of(name: str) -> tuple[str, str] | None:
 
 
 def action_parts(action: str, type_name: str) -> dict[str, str]:
-    """Return the types of an action's topics and services by their names.
-
-    Args:
-        action: Full name of the action.
-        type_name: Its type, such as `example_interfaces/action/Fibonacci`.
-    """
+    """Return the types of an action's topics and services by their names."""
     return {
         f"{action}/_action/{name}": part if "/" in part else f"{type_name}{part}" for name, part in ACTION_PARTS.items()
     }
 
 
 def action_type(part: str, type_name: str) -> str | None:
-    """Return an action's type from that of a part; None if the part's type is the same for all actions or does not fit.
-
-    Args:
-        part: Name of the part, such as `feedback`.
-        type_name: Type of the part, such as `example_interfaces/action/Fibonacci_FeedbackMessage`.
-    """
+    """Return an action's type from that of a part; None if that is the same for all actions or does not fit."""
     ending = ACTION_PARTS[part]
     return type_name.removesuffix(ending) if "/" not in ending and type_name.endswith(ending) else None

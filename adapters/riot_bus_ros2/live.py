@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
-from riot_bus_ros2.definitions import DefinitionError, references
+from riot_bus_ros2.definitions import TYPE_NAME, DefinitionError, references
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.hashes import BASE_IDS, BOUNDED, COLLECTIONS, NESTED, type_hash
 from riot_bus_ros2.keys import parse_data_key
@@ -32,7 +32,6 @@ SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 _ENDING = "/get_type_description"
 _MOST_NODES = 8  # a node that does not answer takes 2 s (`_ANSWER_S` of riot_bus.zenoh.type_learner)
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
-_TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
 _BASES = {number: base for base, number in BASE_IDS.items() if base != "char"}
 _TEXTS = {number: base for base, number in BOUNDED.items()}
 
@@ -40,15 +39,7 @@ _TEXTS = {number: base for base, number in BOUNDED.items()}
 def ask_nodes(
     name: str, wanted: str, services: Mapping[str, Version], ask: Ask, store: TypeStore
 ) -> dict[str, Definition]:
-    """Ask nodes for a type, one after the other; return nothing if none knows it.
-
-    Args:
-        name: Name of the type, such as `pkg/msg/Name`.
-        wanted: Its RIHS01 hash.
-        services: Result of `services_of`.
-        ask: Sends a request to a service.
-        store: Store that knows the service's own type.
-    """
+    """Ask nodes for a type, one after the other; return nothing if none knows it."""
     payload = question(name, wanted, store)
     for service, version in list(services.items())[:_MOST_NODES]:
         attachment = build_attachment(Attachment(1, time.time_ns(), os.urandom(16), version))
@@ -67,8 +58,6 @@ def services_of(key: str, tokens: Iterable[str], heard: Iterable[bytes]) -> dict
     by a message with the gid of one of its publishers, or because it alone publishes on the key.
 
     Args:
-        key: Zenoh key of a topic.
-        tokens: Liveliness tokens.
         heard: Attachments of messages of this key.
     """
     topic = parse_data_key(key)
@@ -122,17 +111,16 @@ def described(reply: bytes, name: str, wanted: str, store: TypeStore) -> dict[st
         raise DefinitionError(f"the node does not know {name}: {message.failure_reason[:200]}")
     description = message.type_description
     parts = (description.type_description, *description.referenced_type_descriptions)
-    found = {_checked(each.type_name, _TYPE_NAME): _definition(each) for each in parts}
+    found: dict[str, Definition] = {}
+    for each in parts:
+        fields = [(_checked(field.name, _NAME), _type(field.type)) for field in each.fields]
+        found[_checked(each.type_name, TYPE_NAME)] = [], fields
     if name not in found or any(reference not in found for each in found.values() for reference in references(each)):
         raise DefinitionError(f"the description of {name} is not complete")
     told = type_hash(name, found)
     if told != wanted:
         raise DefinitionError(f"the description of {name} has another hash: {told}")
     return found
-
-
-def _definition(description: Any) -> Definition:
-    return [], [(_checked(field.name, _NAME), _type(field.type)) for field in description.fields]
 
 
 def _type(kind: Any) -> Any:
@@ -142,7 +130,7 @@ def _type(kind: Any) -> Any:
     )
     inner: Any
     if base == NESTED:
-        inner = (2, _checked(kind.nested_type_name, _TYPE_NAME))
+        inner = (2, _checked(kind.nested_type_name, TYPE_NAME))
     elif base in _BASES:
         inner = (1, (_BASES[base], 0))
     elif base in _TEXTS:

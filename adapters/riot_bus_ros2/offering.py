@@ -46,8 +46,6 @@ def offer_of(
     """Return how to publish a topic, None if it is not a ROS topic.
 
     Args:
-        topic: The recorded topic: a topic of a bag, or a key of rmw_zenoh.
-        name: Another name for it.
         domain: Another ROS domain; by default that of the key, else that of `ROS_DOMAIN_ID`, else 0.
         type_hash: Returns the hash of a type that the bag does not contain.
     """
@@ -75,8 +73,6 @@ def clock_of(topics: Sequence[RecordedTopic], *, domain: int | None, type_hash: 
 
     Args:
         topics: The played topics; their subscribers use the same domain and the same form of type names.
-        domain: Another ROS domain than theirs.
-        type_hash: Hash of rosgraph_msgs/msg/Clock.
     """
     keys = (parse_data_key(topic.key) for topic in topics if topic.keyed)
     example = next((key for key in keys if key is not None), None)
@@ -91,9 +87,6 @@ def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:
     """Return the tokens of the node and of the publisher, and the function that makes its attachments.
 
     Args:
-        key: Data key that it publishes on.
-        qos: QoS of the publisher.
-        zid: Id of the Zenoh session.
         entity: Number of the publisher in it, from 1; the node is number 0.
     """
     node = Node(key.domain, zid, 0, f"/{NODE}")
@@ -118,8 +111,6 @@ def offer_on(key: str, qos: RosQos, identify: Callable[[str, int], Identity]) ->
     """Return how to publish on a key with a QoS.
 
     Args:
-        key: Zenoh key.
-        qos: QoS of the publisher.
         identify: Returns tokens and attachments for the id of a Zenoh session and the number of the publisher in it.
     """
     return Offer(

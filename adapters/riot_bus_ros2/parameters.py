@@ -36,11 +36,7 @@ _LOOK_S = 0.05  # how late the end of the system is noticed, and how soon a serv
 
 
 def request_of(values: Mapping[str, Scalar], store: TypeStore) -> bytes:
-    """Return the payload of a request that sets parameters.
-
-    Raises:
-        ConfigError: A value is not a boolean, integer, float or text.
-    """
+    """Return the payload of a request that sets parameters; raise ConfigError for a value of another type."""
     from riot_bus_ros2.cdr import CdrType
 
     changes: dict[str, Scalar] = {"len(parameters)": len(values)}
@@ -57,9 +53,7 @@ def refused_by(reply: bytes, names: Sequence[str], store: TypeStore) -> dict[str
     """Return the parameters that a reply refuses, each with the node's reason.
 
     Args:
-        reply: Payload of the reply.
         names: Names of the parameters, in the order of the request.
-        store: Store that knows the service's types.
 
     Raises:
         PayloadError: It is not a reply to a request for these.
@@ -79,15 +73,7 @@ def set_parameters(
     announcement: Callable[[str], Announcement | None],
     attachment: Callable[[], bytes],
 ) -> dict[str, str]:
-    """Set parameters of a node, as `riot_bus.types.capabilities.SetsParameters` says.
-
-    Args:
-        request: The node, by its full name, and the values.
-        store: Store that knows the service's types.
-        tokens: Key expression of the tokens that announce services.
-        announcement: Function that returns what a token announces.
-        attachment: Function that returns the attachment of a request.
-    """
+    """Set parameters of a node, as `riot_bus.types.capabilities.SetsParameters` says."""
     node, timeout, alive = request.node, request.timeout, request.alive
     payload, deadline = request_of(request.values, store), time.monotonic() + timeout
     found: SimpleQueue[tuple[SegmentAccess, str]] = SimpleQueue()

@@ -7,11 +7,9 @@ numbers of rmw (before). Reading it line by line is enough here, so no YAML pars
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from typing import Self
 
 Duration = tuple[int, int]
 """Seconds and nanoseconds."""
@@ -182,9 +180,6 @@ def parse_offered(text: str) -> RosQos:
     """Return one profile that suits the subscribers of all recorded publishers; for empty text, rmw's default.
 
     One publisher replaces all recorded ones, so it keeps the last messages of all of them.
-
-    Args:
-        text: Value of `offered_qos_profiles` of a bag's channel.
     """
     profiles: list[dict[str, str]] = []
     for name, value in _SETTING.findall(text):

@@ -17,7 +17,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from riot_bus_ros2.qos import RosQos
+from riot_bus_ros2.qos import BEST_EFFORT, KEEP_ALL, KEEP_LAST, LATCHED, RELIABLE, VOLATILE, RosQos
 
 TOKENS = "@/*/@ros2_lv/**"
 """Key expression of the tokens of all bridges."""
@@ -30,17 +30,10 @@ _WITH_QOS = ("MP", "MS")
 _TOKEN = re.compile(r"@/(?P<zid>[0-9a-f]{1,32})/@ros2_lv/(?P<kind>[A-Z]{2})/(?P<key>[^/]+)/(?P<type>[^/]+)(?:/(.+))?")
 _NUMBER = re.compile(r"[0-9]{1,10}", re.ASCII)
 _HASH = re.compile(r"typehash=(RIHS[0-9]{2}_[0-9a-f]+)")
-_RMW_RELIABILITY = {0: 2, 1: 1}
-_RMW_DURABILITY = {0: 2, 1: 1}
-_RMW_HISTORY = {0: 1, 1: 2}
 
 
 def key_of(name: str, namespace: str = "/") -> str:
     """Return the key of a full ROS name.
-
-    Args:
-        name: Full name, such as `/cmd_vel`.
-        namespace: Namespace of the bridge, such as `/bot1`.
 
     Example:
         >>> key_of("/cmd_vel", "/bot1")
@@ -50,12 +43,7 @@ def key_of(name: str, namespace: str = "/") -> str:
 
 
 def name_of(key: str, namespace: str = "/") -> str:
-    """Return the full ROS name of a key; keys outside of the namespace keep all their chunks.
-
-    Args:
-        key: Key of a message, such as `bot1/cmd_vel`.
-        namespace: Namespace of the bridge, such as `/bot1`.
-    """
+    """Return the full ROS name of a key; keys outside of the namespace keep all their chunks."""
     return f"/{key.removeprefix(f'{namespace}/'.lstrip('/'))}"
 
 
@@ -108,9 +96,9 @@ class BridgeQos:
     def announced(self) -> RosQos:
         """The same QoS with rmw's numbers; missing values are the defaults of a DDS writer."""
         return RosQos(
-            reliability=_RMW_RELIABILITY.get(1 if self.reliability is None else self.reliability, 1),
-            durability=_RMW_DURABILITY.get(self.durability or 0, 1),
-            history=_RMW_HISTORY.get(self.history or 0, 1),
+            reliability=BEST_EFFORT if self.reliability == 0 else RELIABLE,
+            durability=LATCHED if self.durability else VOLATILE,
+            history=KEEP_ALL if self.history == 1 else KEEP_LAST,
             depth=1 if self.depth is None else self.depth,
         )
 
@@ -118,9 +106,9 @@ class BridgeQos:
     def of(cls, qos: RosQos, *, type_hash: str | None = None) -> BridgeQos:
         """Return what a bridge would announce for a publisher of ROS 2."""
         return cls(
-            reliability=0 if qos.reliability == 2 else 1,
-            durability=1 if qos.durability == 1 else 0,
-            history=1 if qos.history == 2 else 0,
+            reliability=0 if qos.reliability == BEST_EFFORT else 1,
+            durability=int(qos.latched),
+            history=int(qos.keep_all),
             depth=qos.depth,
             user_data=f"typehash={type_hash};" if type_hash else "",
         )
@@ -135,11 +123,7 @@ class BridgeToken:
     """Announcement of a bridge for a node behind it.
 
     Attributes:
-        zid: Id of the bridge's Zenoh session.
-        kind: Kind of the entity that it announces.
         key: Key of its messages; for an action, the common beginning of its five keys.
-        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
-        qos: Quality of service, only for topics.
     """
 
     zid: str

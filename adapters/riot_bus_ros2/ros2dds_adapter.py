@@ -125,12 +125,7 @@ class Ros2DdsAdapter(Ros2Adapter):
         return None
 
     def details(self, key: str, tokens: Iterable[str]) -> Mapping[str, str]:
-        """Return metadata for a topic's channel in a log: the QoS that its publishers offer, and the hash of its type.
-
-        Args:
-            key: Key of the topic.
-            tokens: Keys of all present liveliness tokens.
-        """
+        """Return metadata for a topic's channel in a log: the QoS that its publishers offer, and its type's hash."""
         parsed = (ros2dds.parse_bridge_token(each) for each in sorted(tokens))
         found = [each.qos for each in parsed if each is not None and each.qos and (each.kind, each.key) == ("MP", key)]
         hashes = [each.type_hash for each in found if each.type_hash]

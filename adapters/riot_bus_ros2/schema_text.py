@@ -24,7 +24,6 @@ def schema_text(name: str, closure: Mapping[str, Definition]) -> str:
     """Return the `ros2msg` text of a type.
 
     Args:
-        name: Name of the type.
         closure: Its definition and those of all types in it, in the order of the output.
     """
     parts = [_body(closure[name])]

@@ -33,14 +33,8 @@ _stores: dict[str, Typestore] = {}
 def read_interface(file: Path, name: str) -> dict[str, Definition]:
     """Read the definitions in a file.
 
-    Args:
-        file: Path of the file, such as `pkg/msg/Name.msg`.
-        name: Name of the interface, such as `pkg/msg/Name`.
-
     Raises:
-        OSError: The file cannot be read.
         ConfigError: It is too large, or no regular file.
-        UnicodeDecodeError: The file is not text.
         DefinitionError: The text does not parse.
     """
     return parse_file(given_text(file, most=_MOST_BYTES), name, file.suffix)

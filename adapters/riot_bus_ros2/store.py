@@ -35,7 +35,6 @@ class TypeStore:
     them, and services and actions of every ROS installation. Definitions from nodes are kept separately (`learn`).
 
     Args:
-        recorded: Definitions of a log.
         sources: Sources that replace the default ones, after `recorded`.
     """
 
@@ -112,15 +111,7 @@ class TypeStore:
         return type_hash(name, self.closure(name))
 
     def matching(self, name: str, wanted: str) -> TypeStore | None:
-        """Return a store in which the type has this hash: this one, or one that prefers one source to the others.
-
-        Args:
-            name: Name of the type.
-            wanted: Its RIHS01 hash.
-
-        Returns:
-            None if no source has such a definition.
-        """
+        """Return a store in which the type has this hash: this one or one that prefers a source; None without one."""
         told = self._told.get((name, wanted))
         if told is not None:
             return told

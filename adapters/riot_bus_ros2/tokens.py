@@ -12,14 +12,12 @@ front. Source: docs/design.md and liveliness_utils.cpp of ros2/rmw_zenoh.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 from riot_bus_ros2.keys import NO_HASH, DataKey, build_data_key, dds_type, parse_data_key, ros_type
 from riot_bus_ros2.qos import RosQos
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 TOKENS = "@ros2_lv/**"
 """Key expression of all tokens of a network without a Zenoh namespace."""
@@ -41,11 +39,8 @@ class Node:
     """A ROS node.
 
     Attributes:
-        domain: ROS domain (`ROS_DOMAIN_ID`).
-        zid: Id of its Zenoh session.
         number: Number of the node in the session.
         name: Full name, such as `/robot1/planner`.
-        enclave: Enclave of SROS 2.
         prefix: The session's Zenoh namespace.
     """
 
@@ -62,13 +57,8 @@ class NodeEndpoint:
     """A publisher, subscriber, service server or service client of a node.
 
     Attributes:
-        node: The node that has it.
         number: Number of the endpoint in its session.
-        kind: Kind of the entity.
-        topic: Full name of the topic or service.
-        type_name: Name of its type, such as `nav_msgs/msg/Odometry`.
         type_hash: Hash of its type, None if the distribution has no hashes.
-        qos: Its quality of service.
         backend: Memory description of a buffer-aware endpoint; empty for all others.
     """
 
@@ -147,12 +137,7 @@ def build_token(of: Node | NodeEndpoint) -> str:
 
 
 def details_of(key: str, tokens: Iterable[str]) -> dict[str, str]:
-    """Return the offered QoS of all publishers of a key, as rosbag2 writes it; empty if there is none.
-
-    Args:
-        key: A data key of rmw_zenoh.
-        tokens: Liveliness tokens.
-    """
+    """Return the offered QoS of all publishers of a key, as rosbag2 writes it; empty if there is none."""
     wanted = parse_data_key(key)
     if wanted is None:
         return {}

@@ -1,18 +1,19 @@
-"""Base of bridges, which connect other middleware to a segment, and the interface of their host, `riot bridge NAME`.
+"""Base of bridges, which connect other middleware to a segment.
 
 A bridge is part of an adapter package. Its command is a function for typer, found by the entry points
-`riot_bus.bridges`; the attribute `obj` of its `typer.Context` is a `BridgeHost`. Parameters called `system`, `cfg` and
-`form` get riot's own options; a parameter whose type is a dataclass gets the options that its `Flag`s declare.
+`riot_bus.bridges`; the attribute `obj` of its `typer.Context` is the host, `riot_bus_bridges.BridgeHost`. Parameters
+called `system`, `cfg` and `form` get riot's own options; a parameter whose type is a dataclass gets the options that
+its `Flag`s declare.
 """
 
 import logging
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Protocol, Self
+from typing import Annotated, Any, Self
 
 from riot_bus.types.port import BridgedLink
 from riot_bus.vocabulary.errors import RiotError
@@ -136,67 +137,3 @@ class LinkedBridge(Bridge):
     @abstractmethod
     def links(self) -> Collection[BridgedLink]:
         """Return the current links; called on any thread."""
-
-
-class BridgeHost(Protocol):
-    """Services of riot for the command of a bridge, which does not know Zenoh."""
-
-    def ports(
-        self,
-        segments: Sequence[str],
-        endpoint: str | None = None,
-        *,
-        system: Path | None = None,
-        cfg: Sequence[str] = (),
-    ) -> Mapping[str, AbstractContextManager[Any]]:
-        """Return ports of segments by name, which exchange bytes and connect when they are entered.
-
-        Args:
-            segments: Segments as `NAME=ENDPOINT`; `NAME` for one of riot.toml, or of a router without riot.toml.
-            endpoint: Endpoint of the only segment, which has no name then, instead of `segments`.
-            system: Path of riot.toml; None for the one in the working folder, if there is one.
-            cfg: Further Zenoh settings, as `KEY=VALUE`.
-
-        Raises:
-            ConfigError: There is no such segment, both or neither are given, or a setting is wrong.
-        """
-
-    def run(self, bridge: Bridge, *, program: Sequence[str] = (), as_json: bool = False) -> int:
-        """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind the bridge; print what crossed.
-
-        Args:
-            bridge: The bridge; it is started and ended here.
-            program: Command and arguments of the program; empty for none; `{WORD}` is replaced using `host.words()`.
-            as_json: Whether to print lines of JSON.
-
-        Returns:
-            The program's exit status, 0 if it was still running or there is none; a signal that ended it ends this
-            process, too.
-
-        Raises:
-            RiotError: The bridge does not start, or has failed.
-        """
-
-    def segments(self, asked: OwnRouter) -> Sequence[str]:
-        """Return the names of the segments that a router would have.
-
-        Raises:
-            ConfigError: The system file or an option is wrong.
-        """
-
-    def run_router(
-        self,
-        bridge_of: Callable[[Mapping[str, Any]], LinkedBridge],
-        asked: OwnRouter,
-        *,
-        program: Sequence[str] = (),
-        as_json: bool = False,
-    ) -> int:
-        """Route and bridge in one process, until the same events as `run`.
-
-        Returns:
-            The same exit status as `run`.
-
-        Raises:
-            RiotError: The bridge does not start or has failed, or messages were lost.
-        """

@@ -24,10 +24,6 @@ _CERTIFICATES = (
 def scheduler_of(executor: str, *, tls: bool) -> str:
     """Return the address of a scheduler in Dask's form.
 
-    Args:
-        executor: `dask://HOST:PORT`.
-        tls: Whether there are certificates.
-
     Raises:
         ConfigError: It is not an executor, or on another machine and there are no certificates.
     """
@@ -57,7 +53,6 @@ def connect(executor: str) -> Client:
     Raises:
         ConfigError: It must not be used like this; the message says why, and what to do.
         EnvironmentFaultError: No scheduler answers.
-        MissingExtraError: Dask is not installed.
     """
     with needs_extra("distributed", "cluster"):
         import dask.config

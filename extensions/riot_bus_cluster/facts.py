@@ -9,17 +9,14 @@ import hashlib
 import json
 import platform
 import sys
+from collections.abc import Mapping
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.trial.context import Context, open_system
 from riot_bus.types.registry import chosen_adapters
 from riot_bus.vocabulary.errors import RiotError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 _OURS = ("riot_bus", "riot_bus_mavlink", "riot_bus_ros2", "riot_bus_dictionaries")
 

@@ -42,11 +42,7 @@ class Study:
     def add(
         self, points: Sequence[Mapping[str, float]], evaluations: Iterable[Evaluation], fields: Sequence[SearchField]
     ) -> None:
-        """Add runs.
-
-        Raises:
-            ConfigError: The storage cannot be used any more.
-        """
+        """Add runs."""
         known = {field.name: field for field in fields}
         for point, found in zip(points, evaluations, strict=True):
             told = found.distance is not None and math.isfinite(found.distance)
@@ -61,11 +57,7 @@ class Study:
                 self._study.add_trial(trial)
 
     def take(self) -> list[tuple[dict[str, float], Evaluation]]:
-        """Return the runs that other searches, also earlier ones, have added since the last call.
-
-        Raises:
-            ConfigError: The storage cannot be used any more.
-        """
+        """Return the runs that other searches, also earlier ones, have added since the last call."""
         found = []
         with _told_plainly():
             trials = self._study.get_trials(deepcopy=False)

@@ -81,11 +81,8 @@ class WorkerState:
     """The state of a worker of the cluster.
 
     Attributes:
-        slot: Number of the worker.
         name: Name of the process that it keeps for us.
-        begun: Its answer to `begin`.
         refused: Reason why it takes no trials; empty if it does.
-        ready: Whether it has agreed to take trials.
     """
 
     slot: int
@@ -100,11 +97,7 @@ class ClusterWorkers:
     """Workers of a Dask cluster, as the source of a pool.
 
     Args:
-        context: Context of the system.
         jobs: Maximum number of workers to use; 0 for all.
-
-    Raises:
-        RiotError: As `connect` raises it.
     """
 
     def __init__(self, executor: str, context: Context, jobs: int = 0) -> None:
@@ -373,9 +366,7 @@ class WorkerCheck:
     """The answer of a worker.
 
     Attributes:
-        address: Address of the worker.
         host: Name of its machine; empty if it has not answered.
-        refused: Reason why it takes no trials; empty if it does.
     """
 
     address: str
@@ -384,11 +375,7 @@ class WorkerCheck:
 
 
 def check_cluster(executor: str, context: Context) -> list[WorkerCheck]:
-    """Ask all workers of a cluster whether they would take trials of a system.
-
-    Raises:
-        RiotError: As `connect` raises it.
-    """
+    """Ask all workers of a cluster whether they would take trials of a system."""
     client = connect(executor)
     try:
         facts = facts_of(context)

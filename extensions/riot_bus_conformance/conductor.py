@@ -160,15 +160,5 @@ class _Conductor:
 def conduct(
     scenario: Scenario, network: ScenarioNetwork, *, config: Mapping[str, Any], timeout: float
 ) -> dict[str, Observation]:
-    """Run both ends and return what they saw, by end.
-
-    Args:
-        scenario: The scenario that both ends play.
-        network: An open network.
-        config: Zenoh configuration of both ends.
-        timeout: Time limit in seconds.
-
-    Raises:
-        EndFailedError: An end failed.
-    """
+    """Run both ends and return what they saw, by end; raise EndFailedError if one fails or the seconds are over."""
     return _Conductor(scenario, network, config).run(timeout)

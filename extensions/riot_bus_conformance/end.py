@@ -6,15 +6,12 @@ import json
 import threading
 from abc import ABC, abstractmethod
 from collections import defaultdict, deque
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, TextIO, TypeVar
 
 from riot_bus.zenoh import api as zenoh
 from riot_bus.zenoh.session import open_session, release, wait_until
 from riot_bus_conformance.samples import END, Inbox, show_replies
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from typing import TextIO
 
 DeclaredT = TypeVar("DeclaredT")
 
@@ -44,11 +41,7 @@ class ScenarioEnd(ABC):
     through these methods stays declared until both ends have returned.
 
     Args:
-        prefix: Common prefix of all keys.
-        config: Zenoh configuration of its sessions.
         life: Number of times that this end was killed before.
-        lines: Stream of messages from the parent, as JSON lines.
-        say: Function that sends a message to the parent.
     """
 
     def __init__(
@@ -206,11 +199,7 @@ class ScenarioEnd(ABC):
         self._say({"signal": name, "value": value})
 
     def wait(self, name: str, timeout: float = DEADLINE_S) -> Any:
-        """Return the value of the other end's signal.
-
-        Raises:
-            TimeoutError: The signal did not come in time.
-        """
+        """Return the value of the other end's signal; raise TimeoutError if it does not come in time."""
         with self._changed:
             if not self._changed.wait_for(lambda: self._signals[name], timeout):
                 raise TimeoutError(f"{self.name}: no signal {name!r} within {timeout:g} s")
@@ -226,9 +215,6 @@ class ScenarioEnd(ABC):
 
         Earlier declarations of either end are then known where the other is connected, since declarations of one
         session keep their order. The keys of the probes have a verbatim chunk, so that no wildcard matches them.
-
-        Args:
-            sessions: Sessions that have declared something; by default the end's own.
         """
         sessions = sessions or (self.session,)
         other = "right" if self.name == "left" else "left"
@@ -253,11 +239,7 @@ class ScenarioEnd(ABC):
         release(*probes)
 
     def matched(self, declared: Any, *, matching: bool = True, timeout: float = DEADLINE_S) -> None:
-        """Wait until a publisher or querier has a matching counterpart, or none.
-
-        Raises:
-            TimeoutError: The expected matching status was not reached in time.
-        """
+        """Wait until a publisher or querier has a matching counterpart, or none; raise TimeoutError if it never has."""
         self.until(lambda: declared.matching_status.matching == matching, f"matching to be {matching}", timeout)
 
     def until(

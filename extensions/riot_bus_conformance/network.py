@@ -37,11 +37,7 @@ class ScenarioNetwork(Protocol):
 
 
 class _OwnNetwork:
-    """A network that is opened here.
-
-    Args:
-        settings: Listening endpoint and Zenoh configuration.
-    """
+    """A network that is opened here."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
@@ -80,7 +76,6 @@ class BusNetwork(_OwnNetwork):
     """A riot bus, one segment for each end.
 
     Args:
-        settings: Listening endpoint and Zenoh configuration.
         intercept: Keys that go through a pipeline without interceptors.
         changed: Whether something else was intercepted before: then the segments are no longer linked directly.
     """

@@ -33,15 +33,7 @@ _TIMEOUT_S = 40.0  # waits for messages take at most 10 s each; ends that need m
 
 @dataclass(frozen=True)
 class WayOutcome:
-    """Result of a scenario in one way.
-
-    Attributes:
-        way: One of `OURS`, or the name of a running router.
-        observations: Observation of each end.
-        error: Reason why there are no observations.
-        skipped: Reason why it was not tried.
-        losses: Losses that the network itself reports.
-    """
+    """Result of a scenario in one way."""
 
     way: str
     observations: Mapping[str, Any] = field(default_factory=dict)
@@ -83,7 +75,6 @@ def run_scenario(
     """Run a scenario in one way.
 
     Args:
-        scenario: The scenario that both ends play.
         way: One of `OURS`, or any name together with `endpoints`.
         endpoints: Endpoints of a router that is already running, for the left and the right end.
         folder: Folder in which certificates are kept from one run to the next; by default a temporary folder.

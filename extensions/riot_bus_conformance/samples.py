@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 END = b"riot-end"
 """Payload of a message after which nothing more is expected."""
@@ -85,11 +83,7 @@ class CallCollector:
 
 
 class Inbox(CallCollector):
-    """Collects samples.
-
-    Attributes:
-        handle: The subscriber, kept so that it lives as long as the inbox.
-    """
+    """Collects samples."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -30,8 +30,6 @@ class Scenario:
     """Something that components do with a router.
 
     Attributes:
-        needs: Requirements on the network.
-        settings: Zenoh configuration of the sessions of both ends.
         limits: Documented differences: why the observations of a way differ from a plain router's.
     """
 
@@ -72,9 +70,6 @@ def scenario(
     Args:
         name: Unique name; also a chunk of its keys.
         summary: Description of what it does, in one line; None for the docstring of the class.
-        needs: Requirements on the network.
-        settings: Zenoh configuration of the sessions of both ends.
-        limits: Documented differences by way.
     """
 
     def register(ends: type[ScenarioEnd]) -> type[ScenarioEnd]:

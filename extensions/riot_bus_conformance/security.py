@@ -33,10 +33,6 @@ class Settings:
 def settings_for(needs: Collection[Need], folder: Path) -> Settings:
     """Return the settings that meet the needs of a scenario.
 
-    Args:
-        needs: Needs of a scenario from the network.
-        folder: Folder in which certificates and passwords are written.
-
     Raises:
         EnvironmentFaultError: Certificates are needed, and there is no `openssl` command.
     """

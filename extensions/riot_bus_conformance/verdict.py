@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from riot_bus_conformance.run import PLAIN, compare, run_scenario
 from riot_bus_conformance.scenario import load
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
 
 _ROUTER = "router"
 
 
 @dataclass(frozen=True)
 class ScenarioVerdict:
-    """Result of one scenario.
-
-    Attributes:
-        summary: Description of what the scenario does, in a sentence.
-        differences: Places where the router behaved differently from a plain one.
-        skipped: Reason why it was not tried.
-    """
+    """Result of one scenario."""
 
     scenario: str
     summary: str
@@ -36,12 +27,7 @@ class ScenarioVerdict:
 
 
 def verdicts(endpoints: tuple[str, str], *, only: Collection[str] | None = None) -> Iterator[ScenarioVerdict]:
-    """Run scenarios between two segments of a running router and through a plain router.
-
-    Args:
-        endpoints: Endpoints of the two segments.
-        only: Names of scenarios; None for all.
-    """
+    """Run scenarios between two segments of a running router and through a plain router."""
     for name, scenario in load().items():
         if only is not None and name not in only:
             continue

@@ -42,8 +42,6 @@ class LogAnswer:
     Attributes:
         answer: `fixed`: no trial failed. `failed`: at least one did. `error`: no verdict was possible.
         failed: Trials that failed as the test case says, or in any way if it does not say.
-        injected: Messages that were changed.
-        messages: Messages that were played.
     """
 
     place: str

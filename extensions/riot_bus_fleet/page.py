@@ -20,11 +20,7 @@ _HIGHEST = math.asinh(30.0)
 
 
 def write_fleet_page(scan: FleetScan, path: Path) -> Path:
-    """Write the page: robots and their logs, nearest first, each with its distance over time.
-
-    Raises:
-        MissingExtraError: jinja2 is not installed.
-    """
+    """Write a page of robots and logs, nearest first; raises MissingExtraError without jinja2."""
     paths = {log.place: _path(log.profile) for log in scan.logs}
     levels = {"met": _place(0.0), "within": _place(scan.within)}
     page = rendered("fleet.html.j2", scan=scan, paths=paths, width=_WIDTH, height=_HEIGHT, **levels)

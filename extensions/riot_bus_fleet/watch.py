@@ -11,7 +11,7 @@ from riot_bus.types.latest import LatestFields
 from riot_bus.vocabulary.counting import counted
 from riot_bus.zenoh.client import open_client
 from riot_bus_fleet.logs.near_misses import NearMiss
-from riot_bus_fleet.scan_rule import ScanRule
+from riot_bus_fleet.scan import ScanRule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -57,9 +57,6 @@ def cpp_file(
     """Return the text of a C++17 header without dependencies.
 
     Args:
-        terms: Terms of the rule, each a conjunction of literals.
-        types: Types of its variables.
-        scale: Nominal spread of its variables.
         name: Name of the namespace: letters, digits and underscores.
         told: Lines for the reader: what it is about, and the rule.
 

@@ -70,13 +70,14 @@ def python_file(terms: Terms, *, types: Mapping[str, str], scale: Mapping[str, f
     words = identifiers(names)
     arguments = ", ".join(words.values())
     fields = [f"    {words[name]!a}: ({name!a}, {types[name]!a})," for name in names]
+    copied = inspect.getsource(standalone)
     return _HEAD.format(
         told="\n".join(f"# {line(each)}" for each in told),
         fields="\n".join(fields),
         arguments=arguments,
         predicate="\n        or ".join(f"({term_text(term, words, types)})" for term in terms) or "False",
         sanitize=_sanitize(terms, names, words, types, scale),
-        copy=_copy(),
+        copy=copied[copied.index("INTEGERS = {") :],
     )
 
 
@@ -98,8 +99,3 @@ def _sanitize(
         kinds=repr([types[name] for name in names]),
         units=repr([unit_of(scale, name) for name in names]),
     )
-
-
-def _copy() -> str:
-    source = inspect.getsource(standalone)
-    return source[source.index("INTEGERS = {") :]

@@ -50,10 +50,6 @@ class NoFormulaError(ValueError):
 def stl_formula(terms: Terms, *, types: Mapping[str, str]) -> tuple[str, dict[str, str]]:
     """Return the formula, and the field of each of its signals.
 
-    Args:
-        terms: Terms of the rule, each a conjunction of literals.
-        types: Types of its variables.
-
     Raises:
         NoFormulaError: The language cannot express the rule.
     """

@@ -216,10 +216,6 @@ class Stl:
         """Return when judging begins, and the robustness of a node at all judged times, counted from then.
 
         Args:
-            samples: Samples of all signals.
-            end: Time until which they may be judged.
-            parsed: The formula.
-            node: A node of the formula.
             ahead: Seconds before the end at which judging stops; None to judge only at the beginning.
         """
         start = max(each[0][0] for each in samples.values())

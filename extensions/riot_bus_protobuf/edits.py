@@ -27,14 +27,9 @@ class Edit(NamedTuple):
         return len(self.data) - (self.end - self.start)
 
 
-def growth(edits: Sequence[Edit]) -> int:
-    """Return by how many bytes a payload grows, without changes of length prefixes."""
-    return sum(edit.growth for edit in edits)
-
-
 def apply(data: bytes, edits: Sequence[Edit]) -> bytes:
     """Return the payload with all edits made; raise PayloadError if it gets too large."""
-    more = growth(edits)
+    more = sum(edit.growth for edit in edits)
     if more > 0:
         check_size(len(data) + more)
     done = [*edits, *_counts(edits)]

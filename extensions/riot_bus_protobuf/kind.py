@@ -42,7 +42,7 @@ from riot_bus_protobuf.walk import (
     slot_of,
     whole,
 )
-from riot_bus_protobuf.wire import BYTES, GROUP, decode, encode, tag, varint
+from riot_bus_protobuf.wire import BYTES, END_GROUP, GROUP, decode, encode, tag, varint
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -55,15 +55,12 @@ if TYPE_CHECKING:
     from riot_bus_protobuf.layout import Definitions, Layout, ProtobufField
 
 _MAX_DEPTH = 64  # two calls for each level at most: far below Python's limit of 1000
-_END_GROUP = 4  # wire type EGROUP of the encoding of Protocol Buffers
 
 
 class _Spot(NamedTuple):
     """The place of a field, or where it would be.
 
     Attributes:
-        field: Description of the field.
-        found: Its entries; empty for an element of an array.
         slot: Place of its value; None if it is not on the wire or is an array.
         part: The innermost message around it that is on the wire.
         missing: Messages between that one and the field that are not on the wire.
@@ -80,8 +77,6 @@ class ProtobufType:
     """One message type.
 
     Args:
-        name: Full name, such as `foxglove.LaserScan`.
-        definitions: Definitions that contain at least the type itself.
         schema: Definition from a log; by default made from `definitions`.
     """
 
@@ -184,7 +179,7 @@ class ProtobufType:
         for field in layout.fields.values():
             found = present.get(field.number, ())
             here = member_path(path, field.name)
-            entry = self._entry(field)
+            entry = self._definitions.entry(field)
             if entry is not None:
                 for key, one in self._entries(payload, entry, found).items():
                     self._add_value(payload, entry, one, member_path(here, key), most, depth + 1, leaves)
@@ -208,13 +203,6 @@ class ProtobufType:
         assert field.kind is not None
         value = field.default if slot is None else decode(field.kind, payload, slot.start, slot.end)
         return Leaf(path, field.kind.leaf, value)
-
-    def _entry(self, field: ProtobufField) -> Layout | None:
-        """Return the type of the entries of a map; None for other fields."""
-        if field.kind is not None or not field.repeated:
-            return None
-        layout = self._definitions.inside(field)
-        return layout if layout.entry and {1, 2} <= layout.numbers.keys() else None
 
     def _entries(self, payload: bytes, entry: Layout, found: Sequence[FieldEntry]) -> dict[str | int, FieldEntry]:
         """Return the last entry of each key."""
@@ -254,7 +242,7 @@ class ProtobufType:
             found: Sequence[FieldEntry] = ()
             if not missing:
                 found = found_of(payload, layout, parts, field)
-            entry = self._entry(field)
+            entry = self._definitions.entry(field)
             if entry is not None:
                 one = self._chosen(payload, entry, found, steps)
                 parts = (part_of(one),)
@@ -318,19 +306,16 @@ class ProtobufType:
         return list(edits.values())
 
     def _resized(self, payload: bytes, path: str, wanted: int) -> bytes:
-        return apply(payload, self._length_edits(payload, path, wanted))
-
-    def _length_edits(self, payload: bytes, path: str, wanted: int) -> list[Edit]:
         spot = self._find(payload, path)
         field, found = spot.field, [one for one in spot.found if size(payload, spot.field, one)]
         present = count(payload, field, found)
         if wanted <= present:
-            return _cut(payload, field, found, present - wanted)
+            return apply(payload, _cut(payload, field, found, present - wanted))
         more = wanted - present
         if not found:
             part = spot.part
             check_size(len(payload) + more, path)
-            return [Edit(part.end, part.end, _wrapped(_empty(field, more), spot.missing), part.box)]
+            return apply(payload, [Edit(part.end, part.end, _wrapped(_empty(field, more), spot.missing), part.box)])
         one = found[-1]
         if packed(field, one):
             slot = last(payload, field, one)
@@ -338,7 +323,7 @@ class ProtobufType:
         else:
             data, place, box = payload[one.entry.start : one.entry.after], one.entry.after, one.part.box
         check_size(len(payload) + more * len(data), path)
-        return [Edit(place, place, data * more, box)]
+        return apply(payload, [Edit(place, place, data * more, box)])
 
 
 def _member(layout: Layout, step: str | int) -> ProtobufField:
@@ -359,7 +344,7 @@ def _wrapped(data: bytes, around: Sequence[ProtobufField]) -> bytes:
     """Return a field inside messages that are not on the wire yet."""
     for field in reversed(around):
         if field.group:
-            data = tag(field.number, GROUP) + data + tag(field.number, _END_GROUP)
+            data = tag(field.number, GROUP) + data + tag(field.number, END_GROUP)
         else:
             data = tag(field.number, BYTES) + varint(len(data)) + data
     return data
@@ -372,7 +357,7 @@ def _empty(field: ProtobufField, number: int) -> bytes:
         size = number * max(kind.size, 1)
         return tag(field.number, BYTES) + varint(size) + bytes(size)
     if field.group:
-        return (tag(field.number, GROUP) + tag(field.number, _END_GROUP)) * number
+        return (tag(field.number, GROUP) + tag(field.number, END_GROUP)) * number
     wire, width = (BYTES, 1) if kind is None else (kind.wire, max(kind.size, 1))
     return (tag(field.number, wire) + bytes(width)) * number
 

@@ -6,17 +6,14 @@ usable: fields of missing types are left out.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.vocabulary.errors import PayloadError, needs_extra
+from riot_bus.vocabulary.message import Scalar
 from riot_bus_protobuf.units import unit_in
 from riot_bus_protobuf.wire import KINDS, ScalarKind
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
-
-    from riot_bus.vocabulary.message import Scalar
 
 _MAX_SET = 1 << 24  # a guess, far more than definitions need: bounds the work that a log can cause
 _TYPES = (
@@ -25,7 +22,7 @@ _TYPES = (
 )  # fmt: skip
 _DEFAULTS: dict[str, Scalar] = {"bool": False, "string": "", "bytes": b"", "float32": 0.0, "float64": 0.0}
 _REPEATED = 3  # the number of LABEL_REPEATED in descriptor.proto
-_IMPLICIT, _EXPANDED, _DELIMITED = 2, 2, 2
+_DEVIATES = 2  # IMPLICIT, EXPANDED and DELIMITED: the value of each feature that is not its default
 _UNITS = {
     f"google.protobuf.{name}.{member}": unit
     for name in ("Timestamp", "Duration")
@@ -38,19 +35,12 @@ class ProtobufField:
     """One field of a message.
 
     Attributes:
-        name: Name in the .proto file.
-        number: Field number on the wire.
         kind: Kind of scalar; None for a message.
         message: Full name of a message's type.
-        repeated: Whether it is an array.
         packed: Whether the first elements of an array are written packed.
         group: Whether a message is written as a group.
         presence: Whether it may be absent; otherwise, it has its default (zero or empty) if not on the wire.
         oneof: Number of its oneof, of whose fields at most one is set; -1 if it is in none.
-        low: Smallest value that an enum declares.
-        high: Largest value that an enum declares.
-        unit: Unit that its comment names.
-        names: Values of its enum with their names.
     """
 
     name: str
@@ -125,11 +115,7 @@ def load_set(data: bytes) -> Any:
 
 
 class Definitions:
-    """The messages of a descriptor set.
-
-    Args:
-        files: FileDescriptorProtos by name.
-    """
+    """The messages of a descriptor set."""
 
     def __init__(self, files: dict[str, Any]) -> None:
         self._files = files
@@ -160,6 +146,13 @@ class Definitions:
         found = self.layout(one.message)
         assert found is not None  # fields of unknown types are left out
         return found
+
+    def entry(self, one: ProtobufField) -> Layout | None:
+        """Return the type of the entries of a map; None for other fields."""
+        if one.kind is not None or not one.repeated:
+            return None
+        layout = self.inside(one)
+        return layout if layout.entry and {1, 2} <= layout.numbers.keys() else None
 
     def serialized(self, name: str) -> bytes:
         """Return a descriptor set of the file that defines a message and of those that it imports."""
@@ -210,7 +203,8 @@ class Definitions:
             "" if kind is not None else target,
             repeated,
             packed=repeated and kind is not None and kind.wire != KINDS["bytes"].wire and _packed(one, file),
-            group=type_name == "group" or _delimited(one, file),
+            group=type_name == "group"
+            or (str(file.syntax) == "editions" and _feature("message_encoding", one, file) == _DEVIATES),
             presence=not repeated and not entry and (kind is None or _presence(one, file)),
             oneof=one.oneof_index if one.HasField("oneof_index") else -1,
             low=min(names)[0] if names else None,
@@ -223,20 +217,16 @@ def _presence(one: Any, file: Any) -> bool:
     if one.HasField("oneof_index"):
         return True
     if file.syntax == "editions":
-        return _feature("field_presence", one, file) != _IMPLICIT
+        return _feature("field_presence", one, file) != _DEVIATES
     return str(file.syntax) != "proto3"
 
 
 def _packed(one: Any, file: Any) -> bool:
     if file.syntax == "editions":
-        return _feature("repeated_field_encoding", one, file) != _EXPANDED
+        return _feature("repeated_field_encoding", one, file) != _DEVIATES
     if one.options.HasField("packed"):
         return bool(one.options.packed)
     return bool(file.syntax == "proto3")
-
-
-def _delimited(one: Any, file: Any) -> bool:
-    return str(file.syntax) == "editions" and _feature("message_encoding", one, file) == _DELIMITED
 
 
 def _feature(name: str, one: Any, file: Any) -> int:

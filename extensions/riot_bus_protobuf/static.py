@@ -39,9 +39,9 @@ class _Listing:
             return
         for field in layout.fields.values():
             here = member_path(path, field.name)
-            inside = None if field.kind is not None else self._definitions.inside(field)
-            if inside is not None and inside.entry and field.repeated and {1, 2} <= inside.numbers.keys():
-                self._add_one(inside.numbers[2], f'{here}["*"]', (*outer, layout.name))
+            entry = self._definitions.entry(field)
+            if entry is not None:
+                self._add_one(entry.numbers[2], f'{here}["*"]', (*outer, layout.name))
             elif field.repeated:
                 self.found.append(FieldType(f"len({here})", "uint32"))
                 self._add_one(field, f"{here}[*]", (*outer, layout.name))

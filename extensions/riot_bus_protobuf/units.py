@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
 
 # Symbol -> words for it. Symbols are case-sensitive, words are not.
 _WORDS = {
@@ -86,11 +82,8 @@ def unit_in(comment: str) -> str:
     comment = comment[:_MOST_TEXT]
     for form, symbols in ((_BRACKETS, _WORDS.keys()), (_NAMED, _WORDS.keys()), (_IN, _AFTER_IN)):
         words = (next(filter(None, match.groups())) for match in form.finditer(comment))
-        found = {unit for word in words if (unit := _unit(word.strip(" .'\""), symbols))}
+        bare = (word.strip(" .'\"") for word in words)
+        found = {word if word in symbols else _UNITS.get(word.lower(), "") for word in bare} - {""}
         if found:
             return found.pop() if len(found) == 1 else ""
     return ""
-
-
-def _unit(word: str, symbols: Collection[str]) -> str:
-    return word if word in symbols else _UNITS.get(word.lower(), "")

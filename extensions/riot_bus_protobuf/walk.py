@@ -75,9 +75,6 @@ def fields_of(
     """Return the entries of each known field by its number, in the order on the wire; skip all other entries.
 
     Args:
-        data: The payload.
-        layout: Type of the message.
-        parts: Parts of the payload that contain the message.
         numbers: Numbers of the wanted fields, and of all fields in oneofs with them; None for all.
 
     Raises:
@@ -108,8 +105,7 @@ def _fits(field: ProtobufField, wire: int) -> bool:
 
 def part_of(one: FieldEntry) -> EntrySpan:
     """Return the contents of a message."""
-    entry = one.entry
-    return EntrySpan(entry.body, entry.end, one.inner if entry.wire == BYTES else one.part.box)
+    return EntrySpan(*slot_of(one))
 
 
 def slot_of(one: FieldEntry) -> Slot:

@@ -8,14 +8,12 @@ Needs pytest: the extra `testing`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from riot_bus.inject.interceptor import Injector
 from riot_bus.inject.plan import parse_plan
+from riot_bus.vocabulary.injection import Injection
 from riot_bus_testkit.interceptors import InterceptorConformance, delivered_of
-
-if TYPE_CHECKING:
-    from riot_bus.vocabulary.injection import Injection
 
 
 class FaultConformance(InterceptorConformance):

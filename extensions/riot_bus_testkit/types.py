@@ -14,7 +14,9 @@ import re
 import struct
 import sys
 import tracemalloc
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -26,12 +28,7 @@ from riot_bus.types.fields import of_numbers
 from riot_bus.types.model import REBUILD, Leaf, MessageType
 from riot_bus.types.payloads import Payloads
 from riot_bus.vocabulary.errors import PayloadError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from types import FrameType
-
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 _ELEMENTS = 50  # short arrays are listed whole, and long ones do not slow down each of many examples
 _INTEGERS = {f"{sign}int{bits}": (bits, not sign) for sign in ("", "u") for bits in (8, 16, 32, 64)}
@@ -438,10 +435,6 @@ def _size(value: Scalar) -> int:
     return 16 + len(value) if isinstance(value, bytes) else 0
 
 
-class _TooMuchWorkError(AssertionError):
-    """More lines were executed than the size of the payload explains."""
-
-
 def _bounded(act: Callable[[], object], most: int) -> object:
     """Call a function; raise an error if it executes more than `most` lines of Python."""
     left = most
@@ -452,7 +445,7 @@ def _bounded(act: Callable[[], object], most: int) -> object:
         if event == "line":
             left -= 1
             if left < 0:
-                raise _TooMuchWorkError(f"more than {most} lines of Python were executed")
+                raise AssertionError(f"more than {most} lines of Python were executed")
         return count
 
     before = sys.gettrace()

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from riot_bus.statistics.noise import Noise
 from riot_bus.statistics.rates import Proportion, proportion
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Outcome, Runner, TestCase
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Outcome, Runner, TestCase
 
 GAP_NS = 1_000_000
 """Nanoseconds between the end of a log and the start of the next, when logs are joined."""

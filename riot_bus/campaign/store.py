@@ -12,22 +12,19 @@ import os
 import sqlite3
 import threading
 import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
+from pathlib import Path
+from typing import Any, Final, Protocol, runtime_checkable
 
 from pydantic import TypeAdapter
 
 from riot_bus.given_files import leads_out
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, OutOfTimeError
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.vocabulary.message import Message
 
 ATTEMPTS: Final = 3
 """Attempts to carry out a trial: one error may be chance, the third in a row is the result."""

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a router of this machine listens: Zenoh's own port, segment `system` of `riot router`."""

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import ipaddress
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream")
 """What the Zenoh wheel can listen on and connect to."""

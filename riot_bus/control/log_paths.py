@@ -5,12 +5,9 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 _LONGEST_NAME = 240  # leaves 15 of the 255 bytes of NAME_MAX for numbers and extensions that are added
 

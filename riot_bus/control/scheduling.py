@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _BUSY, _CALM = 0.6, 0.4  # shares of one processor; the gap prevents switching to and fro at a steady load
 _AGAIN_S = 5.0  # reads a file in /proc for each thread, up to 128 of them receive threads per segment

@@ -13,16 +13,14 @@ The process that opens a router exports them (`export`), and each child can then
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.control.environment import client_settings, override, reachable, write_session_file
 from riot_bus.control.router_options import parse_endpoints
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 _ENDPOINTS, FILES, _DOMAINS = "RIOT_ENDPOINTS", "RIOT_ZENOH_FILES", "RIOT_DOMAINS"
 _OVERRIDE = "ZENOH_CONFIG_OVERRIDE"

@@ -7,8 +7,9 @@ import os
 import signal
 import sys
 import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from riot_bus.config.endpoints import split_endpoints
 from riot_bus.control.component import client_cfg, segment_access
@@ -24,9 +25,6 @@ from riot_bus.control.segment_environment import (
 )
 from riot_bus.given_files import private_folder
 from riot_bus.vocabulary.errors import EnvironmentFaultError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
 
 
 def environment_in(

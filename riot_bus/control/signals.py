@@ -5,12 +5,9 @@ from __future__ import annotations
 import faulthandler
 import signal
 import threading
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-    from types import FrameType
+from types import FrameType
 
 END_S = 30.0
 """Time allowed for an orderly end: routers end within a second, recorders still write their queue to disk."""

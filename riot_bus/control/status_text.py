@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from riot_bus.control.status import count_table
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
 
 
 def status_lines(status: Mapping[str, Any]) -> list[str]:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
-from typing import TYPE_CHECKING
 
 from riot_bus.draft.model import MISSING, CommandDraft
 from riot_bus.vocabulary.redaction import redacted
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
 
 _LOCATOR = re.compile(
     r"(?:tcp|tls|wss?|quic|udp)/(?:\[[^\]\s]+\]|[^\s/:;,'\"\[\]#?]+):([0-9]{1,5})(?:[?#][^\s'\",\]]*)?"

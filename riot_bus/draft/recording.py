@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from riot_bus.draft.graph_draft import Seen
 from riot_bus.draft.model import TopicDraft
@@ -20,12 +21,7 @@ from riot_bus.types.model import ROOT, MessageType
 from riot_bus.types.raw_type import OpaqueType
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, RiotError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import Message
 
 _MOST_READ, _LARGEST_READ = 200, 1 << 20
 """Largest number of payloads read for each topic, and their largest size: a few show which codecs fit."""

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.graph.model import ConnectedComponent, Edge, Graph, Topic, Unknown
 from riot_bus.graph.render import VERSION
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
 
 _PARTS: dict[str, type[Any]] = {"components": ConnectedComponent, "topics": Topic, "edges": Edge, "unknown": Unknown}
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from riot_bus.given_files import MOST_TOML, given_text
 from riot_bus.inject.dictionary_file import RawEntry, binds, check_type, eligible, plain_value, read_file
@@ -17,12 +18,7 @@ from riot_bus.inject.mutations import Mutation, read_mutations
 from riot_bus.plugins import DICTIONARIES
 from riot_bus.types.capabilities import SuggestedValue
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 _INDEX = re.compile(r"\[\d+\]")
 

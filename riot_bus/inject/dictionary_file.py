@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -11,10 +11,8 @@ from riot_bus.config.toml_file import explained_key
 from riot_bus.inject.mutations import HexBytes, RawMessage, RawMutation
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
+from riot_bus.vocabulary.message import Scalar
 from riot_bus.vocabulary.toml_text import parse_toml
-
-if TYPE_CHECKING:
-    from riot_bus.vocabulary.message import Scalar
 
 _INTEGERS = {
     f"{sign}int{bits}": (0, 2**bits - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)

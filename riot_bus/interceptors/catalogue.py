@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -15,9 +16,6 @@ from riot_bus.pipeline.loader import load_class
 from riot_bus.plugin_options import REQUIRED, explained_option, instance_of, options_of
 from riot_bus.plugins import INTERCEPTORS
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean, located
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 _CONDITIONS = {"from": "source", "to": "target"} | {
     each.name: each.name for each in dataclasses.fields(When) if each.name not in ("source", "target")

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import re
 import shlex
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
 
 from riot_bus.interceptors.catalogue import build
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.toml_text import parse_toml
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-    from pathlib import Path
 
 _KEY = re.compile(r"[A-Za-z_]\w*")
 

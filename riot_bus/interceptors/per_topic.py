@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import TYPE_CHECKING, Generic, TypeVar
+from collections.abc import Callable
+from typing import Generic, TypeVar
 
 from riot_bus.pipeline.runner import MOST_TOPICS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 ValueT = TypeVar("ValueT")
 

@@ -10,8 +10,9 @@ import base64
 import json
 import math
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import msgpack  # type: ignore[import-untyped]
 import zstandard
@@ -20,12 +21,7 @@ from riot_bus.log.engine.chunk import Companions
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 from riot_bus.pipeline.event import Change
 from riot_bus.types.serve import Request, part_of
-from riot_bus.vocabulary.message import Message, Qos
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Message, Qos, Scalar
 
 Role = Literal["delivered", "original"]
 

@@ -7,12 +7,10 @@ import logging
 import threading
 import time
 from collections import deque
-from typing import TYPE_CHECKING, Generic, TypeVar
+from collections.abc import Callable
+from typing import Generic, TypeVar
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import Message
 
 _LOG = logging.getLogger(__name__)
 _OVERHEAD_BYTES = 256  # an estimate of a queued item without its payload, so that small ones count, too

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from riot_bus.monitors.model import ResourceSample
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 _TELLS_TIMES = os.path.exists("/proc/self/schedstat")
 _OF_PROCESS, _OF_THREAD = 2, 6  # last bits of the number of a processor time clock: clock_getcpuclockid(3)

@@ -11,10 +11,8 @@ import os
 import select
 import sys
 import time
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from collections.abc import Sequence
+from typing import Any
 
 
 def attached_command(port: int) -> list[str]:

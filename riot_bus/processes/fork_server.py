@@ -25,12 +25,11 @@ import signal
 import socket
 import sys
 import types
+from collections.abc import Iterable
 from contextlib import suppress
+from typing import Any, BinaryIO
 
 TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from typing import Any, BinaryIO
 
 INSTALLED = ("site-packages", "dist-packages")
 compiled: dict[str, tuple[tuple[int, int, int], types.CodeType]] = {}

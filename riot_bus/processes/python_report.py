@@ -6,15 +6,12 @@ import json
 import os
 import re
 import time
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.monitors.signature import frames_in
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
 
 HOOK = Path(__file__).with_name("python_hook")
 _OURS = (str(HOOK), str(HOOK.with_name("fork_server.py")))

@@ -8,12 +8,9 @@ refused file or memory in its own way, if at all. The supervisor uses this modul
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 from riot_bus.processes.activity import families, read_proc, resources
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 LOOK_S = 0.05
 """Seconds between two looks: a program that fills memory as fast as it can, some GB a second, is 0.2 GB over."""

@@ -9,13 +9,11 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.zenoh.convert import is_droppable
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _BUDGET = 1 << 25  # 32 MiB: floods of 1 MiB cost as much with 16 or 64 MiB (docs/figures.md)
 _BUFFER = 1 << 16  # a message that waits keeps a whole receive buffer of Zenoh's, however small it is

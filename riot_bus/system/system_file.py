@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Callable, Iterator
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
@@ -18,9 +19,6 @@ from riot_bus.monitors.catalogue import build_monitor
 from riot_bus.monitors.model import Invariant
 from riot_bus.monitors.selection import message_selector
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.config.router_settings import forbidden
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
 
 _PLACE = re.compile(r"\s+at /\S+\.rs:\d+.*", re.DOTALL)
 _REASON = re.compile(r'msg: "(.*?)", location', re.DOTALL)

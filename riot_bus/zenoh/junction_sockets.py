@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.zenoh import sockets
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 class JunctionSockets:

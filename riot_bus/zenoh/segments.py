@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from types import ModuleType
+from typing import Any
 
 from riot_bus.zenoh.keyexpr_pins import begin_pinning, end_pinning
 from riot_bus.zenoh.libraries import borrow, give_back
 from riot_bus.zenoh.session import listening, open_session, release
 from riot_bus.zenoh.session_config import WAIT_BEFORE_CLOSE_S, router_config
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from types import ModuleType
 
 EPHEMERAL = "tcp/127.0.0.1:0"
 """Endpoint for a free port of this machine; the actual port is in `Segment.endpoints`."""

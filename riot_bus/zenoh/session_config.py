@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.config_files import endpoint_files
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 SessionConfig = dict[str, Any]
 """Configuration keys such as `listen/endpoints`, and their JSON values."""

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import socket
 import ssl
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.vocabulary.errors import RiotError
 from riot_bus.zenoh.session_config import ANSWER_S
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 _TLS = "transport/link/tls"
 

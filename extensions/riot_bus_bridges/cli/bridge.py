@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
-from functools import partial
+from dataclasses import asdict, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperGroup
 
 from riot_bus.cli.ctl import Cfg
+from riot_bus.cli.declared import CommandT, options_of, parameter_of, read_options, shown_as
 from riot_bus.cli.help_groups import BUS
 from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.plugins import PluginKind
 from riot_bus.vocabulary.errors import ConfigError, RiotError
-from riot_bus_bridges.cli.options import annotation_of, with_options
+from riot_bus.vocabulary.flags import flags_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,7 +28,35 @@ if TYPE_CHECKING:
     from riot_bus.control.terminal import Foreground
     from riot_bus_bridges.bridging import Bridge, LinkedBridge, OwnRouter
     from riot_bus_bridges.host.outer_port import OuterPort
-    from riot_bus_bridges.host.running import Program
+
+
+def with_options(command: CommandT, known: Mapping[str, Any]) -> CommandT:
+    """Give a command the options of each dataclass that is the type of one of its parameters.
+
+    Args:
+        known: Annotations that replace the command's own, by the name of the parameter.
+    """
+    parameters: list[inspect.Parameter] = []
+    kinds: dict[str, type] = {}
+    for each in inspect.signature(command, eval_str=True).parameters.values():
+        if is_dataclass(each.annotation):
+            kinds[each.name] = each.annotation  # type: ignore[assignment]  # no instance
+            parameters += [parameter_of(*flag) for flag in flags_of(kinds[each.name])]
+        else:
+            parameters.append(each.replace(annotation=known.get(each.name, each.annotation)))
+
+    def run(**values: Any) -> None:
+        for name, kind in kinds.items():
+            values[name] = options_of(kind, read_options(flags_of(kind), values))
+        command(**values)
+
+    return shown_as(command, run, parameters)
+
+
+def annotation_of(kind: type, name: str) -> Any:
+    """Return the annotation by which typer knows an option of a dataclass."""
+    return next(parameter_of(*each).annotation for each in flags_of(kind) if each[0].name == name)
+
 
 BRIDGES = PluginKind("bridge", "riot_bus.bridges")
 
@@ -58,7 +88,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _hand_over(context: typer.Context) -> None:
-    context.obj = BusHost()
+    context.obj = BridgeHost()
 
 
 def _command(name: str) -> Any:
@@ -78,8 +108,8 @@ def _command(name: str) -> Any:
     return typer.main.get_command(app)
 
 
-class BusHost:
-    """What riot offers to bridges: `riot_bus_bridges.bridging.BridgeHost`."""
+class BridgeHost:
+    """Services of riot for the command of a bridge, which does not know Zenoh."""
 
     def ports(
         self,
@@ -89,7 +119,17 @@ class BusHost:
         system: Path | None = None,
         cfg: Sequence[str] = (),
     ) -> dict[str, AbstractContextManager[Any]]:
-        """Return segments that connect when they are entered."""
+        """Return ports of segments by name, which exchange bytes and connect when they are entered.
+
+        Args:
+            segments: Segments as `NAME=ENDPOINT`; `NAME` for one of riot.toml, or of a router without riot.toml.
+            endpoint: Endpoint of the only segment, which has no name then, instead of `segments`.
+            system: Path of riot.toml; None for the one in the working folder, if there is one.
+            cfg: Further Zenoh settings, as `KEY=VALUE`.
+
+        Raises:
+            ConfigError: There is no such segment, both or neither are given, or a setting is wrong.
+        """
         from riot_bus.control.component import client_cfg, segment_access
 
         own = client_cfg(cfg)
@@ -103,14 +143,30 @@ class BusHost:
         return found
 
     def run(self, bridge: Bridge, *, program: Sequence[str] = (), as_json: bool = False) -> int:
-        """Bridge until told to end."""
-        from riot_bus_bridges.host.running import run_bridge
+        """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind the bridge; print what crossed.
 
-        start = partial(_start, program, bridge) if program else None
-        return _ended(run_bridge(bridge, _foreground(as_json=as_json), program=start))
+        Args:
+            bridge: The bridge; it is started and ended here.
+            program: Command and arguments of the program; empty for none; `{WORD}` is replaced using `bridge.words()`.
+            as_json: Whether to print lines of JSON.
+
+        Returns:
+            The program's exit status, 0 if it was still running or there is none; a signal that ended it ends this
+            process, too.
+
+        Raises:
+            RiotError: The bridge does not start, or has failed.
+        """
+        from riot_bus_bridges.host.running import end_as, run_bridge
+
+        return end_as(run_bridge(bridge, _foreground(as_json=as_json), program))
 
     def segments(self, asked: OwnRouter) -> list[str]:
-        """Return the names of a router's segments."""
+        """Return the names of the segments that a router would have.
+
+        Raises:
+            ConfigError: The system file or an option is wrong.
+        """
         from riot_bus.control.router_options import settings_of
 
         return list(settings_of(RouterOptions(**asdict(asked))).segments)
@@ -123,12 +179,18 @@ class BusHost:
         program: Sequence[str] = (),
         as_json: bool = False,
     ) -> int:
-        """Route and bridge in one process."""
-        from riot_bus_bridges.host.running import run_own_router
+        """Route and bridge in one process, until the same events as `run`.
+
+        Returns:
+            The same exit status as `run`.
+
+        Raises:
+            RiotError: The bridge does not start or has failed, or messages were lost.
+        """
+        from riot_bus_bridges.host.running import end_as, run_own_router
 
         options = RouterOptions(**asdict(asked))
-        start = partial(_start, program) if program else None
-        return _ended(run_own_router(options, bridge_of, _foreground(as_json=as_json), program=start))
+        return end_as(run_own_router(options, bridge_of, _foreground(as_json=as_json), program))
 
 
 def _places(texts: Sequence[str], endpoint: str | None) -> dict[str, str | None]:
@@ -158,16 +220,3 @@ def _foreground(*, as_json: bool) -> Foreground:
     from riot_bus.cli.terminal import foreground_of
 
     return foreground_of(OutputFormat.JSON if as_json else OutputFormat.TEXT)
-
-
-def _start(command: Sequence[str], bridge: Bridge) -> Program:
-    from riot_bus_bridges.host.running import Program
-
-    return Program(command, bridge.words(), ended=bridge.stop)
-
-
-def _ended(status: int) -> int:
-    from riot_bus_bridges.host.running import end_as
-
-    end_as(status)
-    return status

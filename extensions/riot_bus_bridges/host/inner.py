@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from riot_bus.router.advanced.proxy_publisher import StoreFilter
 from riot_bus.vocabulary.message import Qos
@@ -14,7 +14,7 @@ from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.segment_port import message_of
 from riot_bus.zenoh.session import release
-from riot_bus_bridges.host.audience import Audience, Inner
+from riot_bus_bridges.host.local_ingress import Audience, Inner
 from riot_bus_bridges.host.outer_port import put_one_by_one
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from riot_bus.types.port import Take
     from riot_bus.zenoh import api as zenoh
     from riot_bus_bridges.host.local_ingress import IngressKey, InnerNetwork
+    from riot_bus_bridges.host.outer_port import OuterPort
 
 _LOG = logging.getLogger(__name__)
 
@@ -145,3 +146,7 @@ class InnerPort:
         listening.callback(release, subscriber)
         listening.callback(self._network.listen(self._segment, Inner(zenoh.KeyExpr(expression), give)))
         return listening
+
+
+BridgePort: TypeAlias = "InnerPort | OuterPort"
+"""A segment as bridges of links see it: of the router in this process, or of one elsewhere."""

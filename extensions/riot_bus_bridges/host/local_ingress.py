@@ -1,8 +1,4 @@
-"""Takes messages that the router's own process puts on a segment through the pipeline to the other segments.
-
-This serves a bridge in this process as forwarders serve components elsewhere. Between processes a message passes
-several threads and two sockets; here it passes none of them, unless interceptors do more than a pure function does.
-"""
+"""Takes messages that the router's own process puts on a segment through the pipeline to the other segments."""
 
 from __future__ import annotations
 
@@ -10,15 +6,17 @@ import logging
 import threading
 import time
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.pipeline.runner import AbandonedError
 from riot_bus.router.counts import ForwarderCounts, RouteCounts
 from riot_bus.router.pipeline_executor import BUDGET_S
 from riot_bus.router.worker import Worker
 from riot_bus.vocabulary.message import Message
-from riot_bus.zenoh.session import wait_until
-from riot_bus_bridges.host.audience import Audience
+from riot_bus.zenoh.convert import publisher_settings
+from riot_bus.zenoh.keyexpr_pins import pin
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release, wait_until
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -29,7 +27,82 @@ if TYPE_CHECKING:
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.types.port import Take
     from riot_bus.vocabulary.message import Qos
-    from riot_bus_bridges.host.audience import Inner
+    from riot_bus.zenoh import api as zenoh
+
+
+class Inner(NamedTuple):
+    """A bridge in this process that listens.
+
+    Attributes:
+        expression: Key expression that it listens to.
+        take: Called with payloads and attachments, on any thread; raises nothing.
+    """
+
+    expression: zenoh.KeyExpr
+    take: Take
+
+
+class Audience:
+    """Publishes on one key to the components of a segment, as long as any of them subscribes.
+
+    Args:
+        encoding: Zenoh's encoding string, empty for its default.
+        changed: Function called on a thread of Zenoh's when the result of `listens` may have changed.
+        everywhere: Whether to publish always, and to this process, too.
+        took: Function called with the duration of each publication, in seconds.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        *,
+        qos: Qos,
+        encoding: str = "",
+        changed: Callable[[], None] | None = None,
+        everywhere: bool = False,
+        took: Callable[[float], None] | None = None,
+    ) -> None:
+        zenoh = library_of(session)
+        pin(session, key)
+        self._publisher: Any = session.declare_publisher(
+            key,
+            encoding=zenoh.Encoding(encoding) if encoding else None,
+            allowed_destination=zenoh.Locality.ANY if everywhere else zenoh.Locality.REMOTE,
+            **publisher_settings(qos, zenoh),
+        )
+        self._put = self._publisher.put
+        self._changed, self._everywhere, self._took = changed, everywhere, took
+        self._listens, self._stale = everywhere, not everywhere
+        handler: Any = zenoh.handlers.Callback(self._note, indirect=False)  # indirect: a thread for each handler
+        self._listener = self._publisher.declare_matching_listener(handler)
+
+    def put(self, payload: bytes, attachment: bytes | None) -> None:
+        """Publish; waits for slow receivers if the QoS says so. Raises zenoh.ZError when the session is closed."""
+        if self._stale:
+            self._stale = False  # first, so that no change is missed
+            self._listens = self.listens()
+        if self._listens:
+            began = time.monotonic()
+            try:
+                self._put(payload, attachment=attachment)
+            finally:
+                if self._took is not None:
+                    self._took(time.monotonic() - began)
+
+    def listens(self) -> bool:
+        """Return whether there is a subscriber."""
+        return bool(self._publisher.matching_status.matching)
+
+    def close(self) -> None:
+        """Stop publishing and release the publisher."""
+        release(self._listener, self._publisher)
+
+    def _note(self, status: object) -> None:
+        self._stale = not self._everywhere
+        if self._changed is not None:
+            self._changed()
+
 
 _LOG = logging.getLogger(__name__)
 _ROOM = 4096  # messages in the queue; beyond it, senders wait: more add delay, and their bytes have no limit
@@ -82,10 +155,7 @@ class LocalIngress:
     with a field set are sent on the thread that puts them, unless earlier ones are still in the queue.
 
     Args:
-        segment: Name of the segment.
-        deliveries: Queue that takes messages through the pipeline and delivers them.
         advanced: Proxies of advanced publishers; None if there are no other segments.
-        listeners: Bridges in this process, by segment.
 
     Attributes:
         generation: Number that changes when what is known of keys may have changed.
@@ -116,8 +186,6 @@ class LocalIngress:
 
         Args:
             key: Key without wildcards.
-            qos: Delivery settings of all these messages.
-            encoding: Zenoh's encoding string, empty for its default.
         """
         route = IngressKey(self, key, qos, encoding)
         with self._changing:
@@ -125,13 +193,7 @@ class LocalIngress:
         return route
 
     def put_all(self, routes: Sequence[IngressKey], payloads: Sequence[bytes], attachment: bytes | None) -> None:
-        """Send messages to the other segments; waits if too many are queued, or receivers are slow.
-
-        Args:
-            routes: Declared key of each message.
-            payloads: Payload of each message.
-            attachment: Attachment of all the messages.
-        """
+        """Send messages to the other segments; waits if too many are queued, or receivers are slow."""
         # Messages that need no inspection are sent in batches, as far as they have the same listeners.
         going: list[IngressKey] = []
         ready: list[tuple[bytes, bytes | None]] = []
@@ -304,7 +366,6 @@ class InnerNetwork:
         """Call a bridge that listens to a segment directly, until the returned function is called.
 
         Args:
-            segment: Name of the segment.
             inner: The bridge; it also subscribes, to get the messages that come on other ways.
         """
 

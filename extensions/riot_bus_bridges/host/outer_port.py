@@ -140,7 +140,6 @@ class OuterPort(SegmentPort):
         """Subscribe to messages of others; for many small messages, this takes half the time of `subscribe`.
 
         Args:
-            expression: Key expression of the messages.
             take: Called with the messages received, always on the same thread, not one of Zenoh; while it is busy,
                 messages wait, and when many wait, so does the link.
         """
@@ -154,7 +153,6 @@ class OuterPort(SegmentPort):
         """Answer the queries of others.
 
         Args:
-            key: Key expression of the queries.
             take: Called with each query on a Zenoh thread; may answer later.
         """
         from riot_bus.zenoh import api as zenoh

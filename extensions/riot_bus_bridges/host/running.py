@@ -8,12 +8,11 @@ import subprocess
 import threading
 from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, Self
 
 from riot_bus.control.exposure import bridge_warnings
 from riot_bus.control.signals import END_S, ended_by_signals, force_end_after, let_run
 from riot_bus.vocabulary.errors import EnvironmentFaultError
-from riot_bus_bridges.bridging import LinkedBridge
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,12 +20,12 @@ if TYPE_CHECKING:
     from riot_bus.control.router_flags import RouterOptions
     from riot_bus.control.router_service import RouterService
     from riot_bus.control.terminal import Foreground
-    from riot_bus_bridges.bridging import Bridge
+    from riot_bus_bridges.bridging import Bridge, LinkedBridge
     from riot_bus_bridges.host.inner import InnerPort
 
 
 class Program:
-    """A running program with the streams of this process; a context manager that ends it.
+    """A program behind a bridge, with the streams of this process; a context manager that ends it.
 
     Attributes:
         status: Exit status, negative for a signal, None while it runs.
@@ -35,15 +34,16 @@ class Program:
         EnvironmentFaultError: It cannot be started.
     """
 
-    def __init__(self, command: Sequence[str], words: Mapping[str, str], *, ended: Callable[[], None]) -> None:
+    def __init__(self, command: Sequence[str], bridge: Bridge) -> None:
         self.status: int | None = None
+        words = bridge.words()
         try:
             self._process = subprocess.Popen([_filled(part, words) for part in command])
         except OSError as error:
             raise EnvironmentFaultError(
                 f"{command[0]!r} cannot be started: {error.strerror or error}", where="bridge"
             ) from error
-        self._ended = ended
+        self._ended = bridge.stop
         self._thread = threading.Thread(target=self._wait, name="bridge-program", daemon=True)
         self._thread.start()
 
@@ -61,11 +61,12 @@ class Program:
         self._thread.join()
 
 
-def end_as(status: int) -> None:
-    """End this process by the signal that ended a program; return if it ended otherwise."""
+def end_as(status: int) -> int:
+    """End this process by the signal that ended a program; return the status if it ended otherwise."""
     if status < 0:
         signal.signal(-status, signal.SIG_DFL)
         os.kill(os.getpid(), -status)
+    return status
 
 
 def _filled(text: str, words: Mapping[str, str]) -> str:
@@ -77,8 +78,8 @@ def _filled(text: str, words: Mapping[str, str]) -> str:
 def run_bridge(
     bridge: Bridge,
     foreground: Foreground,
+    program: Sequence[str] = (),
     *,
-    program: Callable[[], Program] | None = None,
     look: Callable[[], None] = lambda: None,
 ) -> int:
     """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind it.
@@ -98,7 +99,7 @@ def run_bridge(
     with ended_by_signals(bridge.stop):
         with bridge, ExitStack() as stack:
             foreground.report("ready", bridge.status(), [bridge.ready()])
-            behind = stack.enter_context(program()) if program is not None else None
+            behind = stack.enter_context(Program(program, bridge)) if program else None
             foreground.attend(bridge.wait, look=look)
             status = behind.status if behind is not None else None
         foreground.report("ended", bridge.status(), bridge.summary())
@@ -107,21 +108,13 @@ def run_bridge(
     return status or 0
 
 
-BridgeT = TypeVar("BridgeT", bound=LinkedBridge)
-
-
 def run_own_router(
     options: RouterOptions,
-    bridge_of: Callable[[Mapping[str, InnerPort]], BridgeT],
+    bridge_of: Callable[[Mapping[str, InnerPort]], LinkedBridge],
     foreground: Foreground,
-    *,
-    program: Callable[[BridgeT], Program] | None = None,
+    program: Sequence[str] = (),
 ) -> int:
-    """Route and bridge until SIGINT, SIGTERM, or the end of the program behind the bridge.
-
-    Raises:
-        RiotError: The router or bridge does not start, has failed, or messages were lost.
-    """
+    """Route and bridge until told to end, or the program behind the bridge ends; raises RiotError if that fails."""
     from riot_bus.control.router_process import report_end, router_of
     from riot_bus_bridges.host.inner import InnerPort
     from riot_bus_bridges.host.local_ingress import InnerNetwork
@@ -132,8 +125,7 @@ def run_own_router(
             bridge = bridge_of({name: InnerPort(network, name) for name in service.settings.segments})
             service.bus.show(bridge.links)
             looks = _looks(service, bridge)
-            start = None if program is None else partial(program, bridge)
-            status = run_bridge(bridge, foreground, program=start, look=partial(next, looks))
+            status = run_bridge(bridge, foreground, program, look=partial(next, looks))
             closing.callback(let_run)
             force_end_after(END_S)
         report_end(service, foreground)

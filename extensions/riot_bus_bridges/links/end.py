@@ -26,9 +26,7 @@ MOST_PENDING = 64
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """Frames that all take the same route, as long as the routing table does not change.
-
-    They are of one message, from one component, and come over one end of a link.
+    """Frames of one message, component and end of a link, which all take the same route while the table stays.
 
     Attributes:
         others: Other ends on the same segment that get the frames.
@@ -53,7 +51,6 @@ class End(Peer):
     Attributes:
         flows: Known routes of frames received from the peer, by the header bytes that identify their kind; valid while
             `generation` is that of the routing table.
-        generation: Generation of the routing table for which `flows` was filled.
         losses: Numbers of frames received from the peer, and of those missing before them, by source.
     """
 

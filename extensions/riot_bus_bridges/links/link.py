@@ -1,16 +1,4 @@
-"""Links, which carry frames between their ends and a host, and what they need of that host.
-
-An end is one peer of a link. All links open, join ends, lose them and close in the same way; they differ in when that
-happens, and in what their states are called:
-
-    link                  an end joins when              it leaves when                   without and with an end
-    udp server            an address sends a frame       it is silent, or makes room      listening, connected
-    tcp server            a client connects              the connection ends              listening, connected
-    udp client            the address is known           the link is closed               connecting, connected
-    tcp client, serial    connection or device is open   it is lost; then tried again     connecting, connected
-    log reader            the file is open               the link is closed               ended (once read), reading
-    log writer            the file is open               the link is closed               ended, writing
-"""
+"""Links, which carry frames between their ends and a host, and what they need of that host."""
 
 from __future__ import annotations
 

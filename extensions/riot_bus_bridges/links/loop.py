@@ -9,10 +9,7 @@ import os
 import select
 import threading
 import time
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from collections.abc import Callable
 
 _LOG = logging.getLogger(__name__)
 

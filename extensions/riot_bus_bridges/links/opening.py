@@ -28,10 +28,5 @@ _LINKS: dict[LinkKind, Callable[[LinkSpec, Host], Link]] = {
 
 
 def open_link(spec: LinkSpec, host: Host) -> Link:
-    """Open a link.
-
-    Raises:
-        EnvironmentFaultError: It cannot listen, or a log cannot be opened.
-        MissingExtraError: A package that it needs is not installed.
-    """
+    """Open a link; raises EnvironmentFaultError if it cannot, or MissingExtraError if a package is missing."""
     return _LINKS[spec.kind](spec, host)

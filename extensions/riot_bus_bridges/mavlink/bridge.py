@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
     from contextlib import ExitStack
 
+    from riot_bus_bridges.host.inner import BridgePort
     from riot_bus_bridges.links.end import End
     from riot_bus_bridges.links.link import Link
     from riot_bus_bridges.mavlink.options import MavlinkBridgeOptions
     from riot_bus_bridges.mavlink.url import LinkSpec
-    from riot_bus_bridges.port import BridgePort
 
 JSON_LINK = "json"
 """Name that replaces the link in the keys of frames received as JSON."""

@@ -15,7 +15,7 @@ from riot_bus_bridges.bridging import OwnRouter
 from riot_bus_bridges.mavlink.options import MavlinkBridgeOptions
 
 if TYPE_CHECKING:
-    from riot_bus_bridges.bridging import BridgeHost
+    from riot_bus_bridges.cli.bridge import BridgeHost
 
 Names = list[str] | None
 

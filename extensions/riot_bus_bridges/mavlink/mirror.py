@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from riot_bus.types.port import Closeable, PortPublisher
     from riot_bus.vocabulary.message import Scalar
+    from riot_bus_bridges.host.inner import BridgePort
     from riot_bus_bridges.mavlink.sequences import OwnStreams
-    from riot_bus_bridges.port import BridgePort
     from riot_bus_mavlink.definitions import FieldText, MessageTable
     from riot_bus_mavlink.dialect import Dialect
 
@@ -68,11 +68,7 @@ class JsonForm:
         return {"header": header, "message": {"type": message.name, **{name: read(body) for name, read in readers}}}
 
     def frame(self, payload: bytes, sequence: Callable[[int, int], int]) -> Frame:
-        """Return the MAVLink 2 frame that JSON describes; missing fields are zero.
-
-        Raises:
-            PayloadError: The payload is not JSON of this form, or has unknown names or values that do not fit.
-        """
+        """Return the MAVLink 2 frame that JSON describes, missing fields zero; raises PayloadError for other JSON."""
         header, fields = _parts(payload)
         system, component = (_byte(header, name) for name in ("system_id", "component_id"))
         name = fields.pop("type", None)

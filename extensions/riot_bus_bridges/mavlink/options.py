@@ -64,12 +64,7 @@ class MavlinkBridgeOptions:
         return [f"mavlink:{';'.join(texts)}"] if texts else []
 
     def plan(self, segments: Sequence[str]) -> "MavlinkBridgePlan":
-        """Return what is to be bridged.
-
-        Raises:
-            ConfigError: An option is not usable.
-            MissingExtraError: pymavlink is not installed.
-        """
+        """Return what is to be bridged; raises ConfigError, or MissingExtraError if pymavlink is missing."""
         from riot_bus_bridges.mavlink.url import parse_links
         from riot_bus_mavlink.dialect import DEFAULT, load_dialect
         from riot_bus_mavlink.signing import Signer, read_key

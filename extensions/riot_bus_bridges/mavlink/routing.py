@@ -9,8 +9,8 @@ import itertools
 from collections import Counter, OrderedDict
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from riot_bus_bridges.mavlink.filters import Filter
 from riot_bus_bridges.mavlink.sequences import MOST_IDS
+from riot_bus_bridges.mavlink.url import Filter
 from riot_bus_mavlink.frame import HEADER_SIZE
 
 if TYPE_CHECKING:

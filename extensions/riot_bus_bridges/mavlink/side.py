@@ -1,15 +1,4 @@
-"""One segment of a bridge: frames between its links, and between the links and the bus.
-
-The first frame of a kind (message, component and end of a link) is routed by itself; its route is then kept until the
-routing table changes, and further frames of the kind are carried together, without being taken apart:
-
-    from        frame                                       carried by
-    a link      whole packets of known flows                `receive`: `Framer.known` checks them, `_carry` sends them
-    a link      frames of known flows in a stream           `receive_frames`, `_carry`
-    a link      all others                                  `_receive_new`, which remembers a `Flow`
-    the bus     own unsigned ones of known deliveries       `deliver`, `_send_together`
-    the bus     all others                                  `_deliver_new`, which remembers the ends
-"""
+"""One segment of a bridge: frames between its links, and between the links and the bus."""
 
 from __future__ import annotations
 
@@ -29,11 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.types.port import Closeable, PortPublisher
+    from riot_bus_bridges.host.inner import BridgePort
     from riot_bus_bridges.links.end import End
     from riot_bus_bridges.mavlink.mirror import Mirror
     from riot_bus_bridges.mavlink.routing import Routes
     from riot_bus_bridges.mavlink.sequences import OwnStreams
-    from riot_bus_bridges.port import BridgePort
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.keys import KeyTemplate
     from riot_bus_mavlink.signing import Signer

@@ -170,7 +170,7 @@ def _matches(offered: Sequence[int], requested: Sequence[int]) -> bool:
 
 
 _MOST_OPEN = 1024  # a guess: unanswered requests would be kept for ever
-_AT_ONCE = 16  # then other services and topics get their turn; not measured
+_CALLS_AT_ONCE = 16  # then other services and topics get their turn; not measured
 
 
 class Server:
@@ -188,7 +188,7 @@ class Server:
 
     def forward(self, wire: Wire) -> bool:
         """Forward the requests that have arrived; return whether there may be more."""
-        for _ in range(_AT_ONCE):
+        for _ in range(_CALLS_AT_ONCE):
             request, header = self.handle.service_take_request(self._kind.Request) or (None, None)
             if header is None:
                 return False
@@ -248,7 +248,7 @@ class DomainClient:
 
     def forward(self, wire: Wire) -> bool:
         """Forward the responses that have arrived; return whether there may be more."""
-        for _ in range(_AT_ONCE):
+        for _ in range(_CALLS_AT_ONCE):
             with self._lock:
                 header, response = self.handle.take_response(self._kind.Response) or (None, None)
                 if header is None:

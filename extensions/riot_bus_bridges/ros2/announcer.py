@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from riot_bus.types.port import Closeable
-    from riot_bus_bridges.port import OuterAccess
+    from riot_bus_bridges.host.outer_port import OuterPort
     from riot_bus_bridges.ros2.plan import DomainAnnouncement
     from riot_bus_ros2.keys import DataKey
     from riot_bus_ros2.tokens import EndpointKind
@@ -50,7 +50,7 @@ class Announcer:
             sent a message, so the first stands for all.
     """
 
-    def __init__(self, port: OuterAccess, domain: int) -> None:
+    def __init__(self, port: OuterPort, domain: int) -> None:
         self._port, self._domain = port, domain
         self.gids: dict[tuple[EndpointKind, DataKey], bytes] = {}
         self._shown: dict[DomainAnnouncement, tuple[str, Closeable]] = {}

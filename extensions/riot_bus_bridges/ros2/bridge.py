@@ -11,22 +11,21 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.text_table import table_lines
 from riot_bus_bridges.bridging import Bridge
 from riot_bus_bridges.rclpy_node.frames import NODE_PREFIX, BridgeFrame, BridgeFrameKind
 from riot_bus_bridges.ros2.announcer import Announcer, OtherBridge
-from riot_bus_bridges.ros2.graph import DomainGraph
 from riot_bus_bridges.ros2.node import START_S, NodeProcess
 from riot_bus_bridges.ros2.options import Names
-from riot_bus_bridges.ros2.plan import BridgePlan, plan_of
+from riot_bus_bridges.ros2.plan import BridgePlan, DomainGraph, plan_of
 from riot_bus_bridges.ros2.routes import BridgeRoute, DownRoute, OfferedService, RouteContext, UpRoute, WantedService
-from riot_bus_bridges.ros2.text import summary_lines
 from riot_bus_ros2.tokens import NodeEndpoint, parse_token
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from contextlib import ExitStack
 
-    from riot_bus_bridges.port import OuterAccess
+    from riot_bus_bridges.host.outer_port import OuterPort
     from riot_bus_bridges.ros2.options import Ros2BridgeOptions
     from riot_bus_bridges.ros2.plan import DomainAnnouncement
     from riot_bus_ros2.keys import DataKey
@@ -45,14 +44,10 @@ _ROUTES: tuple[type[BridgeRoute], ...] = (UpRoute, DownRoute, OfferedService, Wa
 
 
 class Ros2Bridge(Bridge):
-    """Context manager that bridges a ROS domain and a segment while it is open.
-
-    Raises:
-        ConfigError: An option is not usable.
-    """
+    """Bridges a ROS domain and a segment while it is open; raises ConfigError if an option is not usable."""
 
     def __init__(
-        self, port: OuterAccess, options: Ros2BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
+        self, port: OuterPort, options: Ros2BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
     ) -> None:
         super().__init__(warn=warn)
         options.check()
@@ -344,3 +339,18 @@ class Ros2Bridge(Bridge):
         if self.failure is None:
             self.failure = EnvironmentFaultError(text, where="bridge", hint=hint)
         self.ended.set()
+
+
+def summary_lines(status: Mapping[str, Any]) -> list[str]:
+    """Return a table of what crossed."""
+    topics, services, refused = status["topics"], status["services"], status["refused"]
+    if not topics and not services:
+        return ["there was nothing to bridge"]
+    rows = [("", "to segment", "to domain")]
+    rows += [(name, str(ways["to_segment"]), str(ways["to_domain"])) for name, ways in topics.items()]
+    rows += [(name, f"{count} calls", "") for name, count in services.items()]
+    return [
+        *(f"{name}: {count} messages of the domain were lost" for name, count in status["lost"].items()),
+        *(f"{name}: {count} messages too short to be valid were left out" for name, count in refused.items()),
+        *table_lines(rows),
+    ]

@@ -10,7 +10,7 @@ import typer
 from riot_bus_bridges.ros2.options import Ros2BridgeOptions
 
 if TYPE_CHECKING:
-    from riot_bus_bridges.bridging import BridgeHost
+    from riot_bus_bridges.cli.bridge import BridgeHost
 
 
 def ros2(

@@ -38,12 +38,7 @@ class NodeProcess:
         self._thread = threading.Thread(target=self._receive, name="riot-bridge-node", daemon=True)
 
     def start(self) -> dict[str, Any]:
-        """Start the process; return its first report.
-
-        Raises:
-            ConfigError: There is no such interpreter, or it has no rclpy.
-            EnvironmentFaultError: ROS does not start.
-        """
+        """Start the process; return its first report. Raises ConfigError without rclpy, else EnvironmentFaultError."""
         ours, theirs = socket.socketpair()
         for each in (ours, theirs):
             each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 22)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from riot_bus_ros2.keys import DataKey
 from riot_bus_ros2.qos import (
@@ -21,12 +21,65 @@ from riot_bus_ros2.qos import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    from riot_bus_bridges.ros2.graph import DomainEndpoint, DomainGraph
     from riot_bus_bridges.ros2.options import Names, Ros2BridgeOptions
     from riot_bus_ros2.qos import Duration
     from riot_bus_ros2.tokens import EndpointKind, NodeEndpoint
+
+
+class DomainEndpoint(NamedTuple):
+    """A publisher, subscription, server or client of the domain; servers and clients have no QoS and no gid.
+
+    Attributes:
+        type_hash: Hash of its type, None if the distribution has no hashes.
+        gid: Its id in DDS, in hexadecimal.
+    """
+
+    node: str
+    topic: str
+    type_name: str
+    type_hash: str | None
+    qos: RosQos = RosQos(depth=0)
+    gid: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class DomainGraph:
+    """Nodes and endpoints of a domain, without the endpoints of bridges."""
+
+    bridges: Sequence[str] = ()
+    nodes: Sequence[str] = ()
+    publishers: Sequence[DomainEndpoint] = ()
+    subscriptions: Sequence[DomainEndpoint] = ()
+    servers: Sequence[DomainEndpoint] = ()
+    clients: Sequence[DomainEndpoint] = ()
+    matched: Mapping[int, int] = field(default_factory=dict)
+    ready: Sequence[int] = ()
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> Self:
+        """Read the node's report."""
+
+        def endpoints(name: str) -> list[DomainEndpoint]:
+            return [
+                DomainEndpoint(node, topic, type_name, type_hash or None, RosQos.of_numbers(more[0]), more[1])
+                if more
+                else DomainEndpoint(node, topic, type_name, type_hash or None)
+                for node, topic, type_name, type_hash, *more in document[name]
+            ]
+
+        return cls(
+            document["bridges"],
+            document["nodes"],
+            endpoints("publishers"),
+            endpoints("subscriptions"),
+            endpoints("servers"),
+            endpoints("clients"),
+            {int(number): count for number, count in document["matched"].items()},
+            document["ready"],
+        )
+
 
 _NAMELESS = "/dds"  # stands for DDS participants that are not ROS nodes
 

@@ -27,10 +27,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.types.port import Closeable
-    from riot_bus_bridges.port import OuterAccess, PortQuery
-    from riot_bus_bridges.ros2.graph import DomainGraph
+    from riot_bus_bridges.host.outer_port import OuterPort, Question
     from riot_bus_bridges.ros2.node import NodeProcess
-    from riot_bus_bridges.ros2.plan import DownPlan, UpPlan
+    from riot_bus_bridges.ros2.plan import DomainGraph, DownPlan, UpPlan
     from riot_bus_ros2.keys import DataKey
     from riot_bus_ros2.tokens import EndpointKind
 
@@ -47,7 +46,7 @@ class RouteContext:
     """
 
     node: NodeProcess
-    port: OuterAccess
+    port: OuterPort
     latched: int
     changed: Callable[[], None]
     is_own: Callable[[bytes | None], bool]
@@ -173,7 +172,7 @@ class OfferedService(BridgeRoute):
 
     def __init__(self, number: int, key: DataKey, plan: None, context: RouteContext) -> None:
         super().__init__(number, key, plan, context)
-        self._open: dict[int, PortQuery] = {}
+        self._open: dict[int, Question] = {}
         self._lock = threading.Lock()
 
     def open(self) -> None:
@@ -209,7 +208,7 @@ class OfferedService(BridgeRoute):
         for query in unanswered:
             query.fail("the server is gone")
 
-    def _ask(self, query: PortQuery) -> None:
+    def _ask(self, query: Question) -> None:
         with self._lock:
             self.count += 1
             number = self.count

@@ -10,11 +10,10 @@ import contextlib
 import os
 import re
 import sys
+from collections.abc import Callable, Mapping
+from typing import Any
 
 TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from typing import Any
 
 _TEST_PROGRAMS = {"ctest", "pytest", "unittest"}
 _SEARCHES = ("connect/endpoints", "listen/endpoints", "scouting/multicast/enabled")
@@ -34,7 +33,6 @@ def placed(tools: Any, plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
 
     Args:
         plan: Plan with `segment`, `nodes` (regular expression, empty for none), `variables`, `told` (file of reports).
-        popen: Arguments of `Popen` by name.
     """
     words = tools.words_of(popen["args"], shell=bool(popen.get("shell")))
     names = tools.names_of(words)
@@ -53,7 +51,6 @@ def wrapped(tools: Any, plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
 
     Args:
         plan: Plan with `wrap`, the words to prepend, with `{package}` and `{folder}`, and `cwd`, their working folder.
-        popen: Arguments of `Popen` by name.
     """
     words = tools.words_of(popen["args"])
     if popen.get("shell") or "colcon" not in sys.argv[0] or not _TEST_PROGRAMS & set(tools.names_of(words)):

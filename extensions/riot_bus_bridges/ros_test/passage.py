@@ -26,7 +26,6 @@ class Passage:
             always have a receiver.
         errors: Number of messages on which an interceptor failed, and the first error, by name of the interceptor.
         nodes: Regular expression for the processes chosen for the segment `unit`; None if none were.
-        started: Processes that were started in that segment, and the others.
     """
 
     wanted: Sequence[str]

@@ -20,8 +20,18 @@ from riot_bus.processes.launcher import Launcher
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.zenoh.session import environment_of_others
 from riot_bus_bridges.ros_test.passage import Passage
-from riot_bus_bridges.ros_test.placement import is_colcon_test, leave_account, package_lines, router_per_package
-from riot_bus_bridges.ros_test.segments import HERE, LOOK_S, UNIT, Components, Crossings, open_segments
+from riot_bus_bridges.ros_test.segments import (
+    HERE,
+    LOOK_S,
+    UNIT,
+    Components,
+    Crossings,
+    is_colcon_test,
+    leave_account,
+    open_segments,
+    package_lines,
+    router_per_package,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -39,9 +49,6 @@ class RosTest:
 
     Attributes:
         router: Options of the router; its segments are not those of riot.toml but two on free ports of this machine.
-        nodes: Regular expression for names of the processes and nodes to put into the segment `unit`.
-        folder: Working folder of the command; the present one by default.
-        account: Folder for the report, if this is one of several `riot ros-test` of one run.
     """
 
     router: RouterOptions = field(default_factory=RouterOptions)

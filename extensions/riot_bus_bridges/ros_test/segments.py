@@ -6,28 +6,111 @@ Only a message with a subscriber in another segment passes the router: within on
 from __future__ import annotations
 
 import json
+import os
+import re
 import signal
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from riot_bus.control.log_paths import file_stem
 from riot_bus.control.segment_environment import export, segment_variables, write_session_files
-from riot_bus.processes.ros_domains import free_domains, start_bridge
+from riot_bus.processes.placement import StartedProcesses, hooked, started_in
+from riot_bus.processes.ros_domains import free_domains, riot_command, start_bridge
 from riot_bus.router.receivers import Receivers
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.redaction import escape_control_chars
 from riot_bus.zenoh.session import environment_of_others, includes, wait_until
 from riot_bus_bridges.ros2.node import START_S
-from riot_bus_bridges.ros_test.placement import Placement
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.control.router_service import RouterService
     from riot_bus.processes.launcher import ComponentProcess, Launcher
     from riot_bus.router.bus import Bus
+
+_LARGEST = 1 << 20  # letters; a report has a few lines (`Passage.lines`), so a longer text is not a report
+
+
+def is_colcon_test(command: Sequence[str]) -> bool:
+    """Return whether a command is `colcon test`, which runs the tests of many packages."""
+    names = [os.path.basename(word) for word in command]
+    return "colcon" in names[:3] and "test" in names[names.index("colcon") :]
+
+
+def router_per_package(
+    given: Mapping[str, str], options: Sequence[str], *, folder: Path, accounts: Path
+) -> dict[str, str]:
+    """Return the variables that make colcon run the tests of each package under a `riot ros-test` of its own."""
+    plan = folder / "packages.json"
+    own = ["--package", "{package}", "--in", "{folder}", "--account", str(accounts), "--"]
+    wrap = [*riot_command(), "ros-test", *options, *own]
+    plan.write_text(json.dumps({"wrap": wrap, "cwd": str(Path.cwd()), "hook": str(HOOK)}), encoding="utf-8")
+    return hooked(given, plan)
+
+
+def leave_account(folder: Path, package: str, lines: Sequence[str], *, vacuous: bool) -> None:
+    """Write a report into a folder."""
+    text = json.dumps({"package": package, "lines": list(lines), "vacuous": vacuous})
+    (folder / f"{file_stem(package)}-{os.getpid()}.json").write_text(text, encoding="utf-8")
+
+
+def package_lines(folder: Path) -> list[str]:
+    """Return the lines for all packages, and a summary that stresses the packages that have shown nothing."""
+    found: list[dict[str, Any]] = []
+    for path in sorted(folder.glob("*.json")):
+        with path.open(encoding="utf-8") as stream:
+            found.append(json.loads(stream.read(_LARGEST)))
+    if not found:
+        return ["NO TESTS OF A PACKAGE WENT THROUGH A ROUTER: colcon has started none by ctest, pytest or unittest"]
+    vacuous = [each["package"] for each in found if each["vacuous"]]
+    lines = [f"{each['package']}: {line}" for each in found for line in each["lines"]]
+    told = f"; NOTHING SHOWN by {', '.join(vacuous)}" if vacuous else ""
+    lines.append(f"tests of {counted(len(found), 'package')}, each through a router of its own{told}")
+    return [escape_control_chars(line) for line in lines]
+
+
+HOOK = Path(__file__).with_name("hook.py")
+"""File that a plan names, so that the core's hook loads it."""
+
+
+class Placement:
+    """Puts processes into a segment by their names.
+
+    Args:
+        folder: Folder for two files; only this user should be able to write there.
+
+    Raises:
+        ConfigError: `nodes` is not a regular expression.
+    """
+
+    def __init__(self, folder: Path, *, segment: str, nodes: str | None, variables: Mapping[str, str]) -> None:
+        try:
+            re.compile(nodes or "")
+        except re.error as error:
+            hint = "such as 'planner|/robot1/controller'"
+            text = f"{nodes!r} is not a regular expression: {error}"
+            raise ConfigError(text, where="--unit-nodes", hint=hint) from None
+        self._plan, self._told = folder / "placement.json", folder / "started.jsonl"
+        self._told.touch(0o600)
+        plan = {"segment": segment, "nodes": nodes or "", "variables": dict(variables), "told": str(self._told)}
+        plan["hook"] = str(HOOK)
+        self._plan.write_text(json.dumps(plan), encoding="utf-8")
+
+    def environment(self, given: Mapping[str, str]) -> dict[str, str]:
+        """Return the variables that activate the hook in a process with the given variables."""
+        return hooked(given, self._plan)
+
+    def started(self) -> StartedProcesses:
+        """Return what was started so far."""
+        return started_in(self._told)
+
 
 HERE, UNIT = "system", "unit"
 """The segment of the command, and that of the chosen processes."""
@@ -97,12 +180,7 @@ def _event(bridge: ComponentProcess, name: str) -> dict[str, Any]:
 def open_segments(
     service: RouterService, launcher: Launcher, folder: Path, *, nodes: str | None, dds: bool
 ) -> Iterator[ReadySegments]:
-    """Make the segments of a running router ready for a command.
-
-    Raises:
-        ConfigError: `nodes` is not a regular expression.
-        EnvironmentFaultError: A bridge does not start.
-    """
+    """Make a running router's segments ready for a command; raises EnvironmentFaultError if a bridge does not start."""
     endpoints = {name: service.bus.segment(name).endpoints for name in service.settings.segments}
     domains: dict[str, int] = {}
     carried: Mapping[str, int] = {}

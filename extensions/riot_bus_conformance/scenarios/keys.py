@@ -11,9 +11,7 @@ class _KeysEnd(ScenarioEnd):
     """An end that publishes on several keys, or says which of them its subscribers got.
 
     Attributes:
-        published: Keys of the messages.
         closing: Keys of the closing messages, one for each subscriber.
-        subscribed: Key expressions of the subscribers.
     """
 
     published: tuple[str, ...]

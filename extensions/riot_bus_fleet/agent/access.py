@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal, get_args
 
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.selector import key_matches
 from riot_bus.zenoh.session_config import OWN_CHUNK
 from riot_bus_fleet.agent.names import agent_token, controller_key, progress_key
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
 
 Role = Literal["agent", "controller", "viewer"]
 """Agents carry out commands, controllers give them, and viewers only watch."""
@@ -37,11 +35,7 @@ _REPLY, _GET_REPLY = ("ingress", "reply"), ("egress", "reply")
 
 
 def parse_subject(text: str) -> tuple[Role, str]:
-    """Parse `ROLE` or `ROLE=USER`; a role alone stands for the user of the same name.
-
-    Raises:
-        ConfigError: The role does not exist.
-    """
+    """Parse `ROLE` or `ROLE=USER`, a role alone being its own user; raises ConfigError if the role does not exist."""
     word, _, user = text.partition("=")
     for role in ROLES:
         if word == role:

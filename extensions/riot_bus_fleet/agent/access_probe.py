@@ -33,7 +33,6 @@ class Access:
     """An action at one key that was seen to succeed for one identity, which is a client with certain credentials.
 
     Attributes:
-        key: Key of the agent, or its liveliness token, at which it succeeded.
         seen_by: Identities on the other side, at least one: receivers of a `put`, publishers for `receive`, repliers
             for `ask`, askers for `answer`, those that found the token for `announce`, its holders for `see`.
         needed: Whether the role of this name (agent, controller or viewer) needs the action; False for `NOBODY`, None
@@ -102,10 +101,6 @@ def probe_access(
             for holder in sides:
                 if holder is not side and side.sees(f"{token}{holder.mark}"):
                     found |= {(side.name, "see", token, holder.name), (holder.name, "announce", token, side.name)}
-    return _rows(found, robot)
-
-
-def _rows(found: set[tuple[str, Action, str, str]], robot: str) -> list[Access]:
     others: dict[tuple[str, Action, str], list[str]] = {}
     for name, action, key, other in sorted(found):
         others.setdefault((name, action, key), []).append(other)

@@ -46,7 +46,7 @@ def drive(
     remote = RemoteOperation(options.endpoint, robot, config=options.config)
     with ended_by_signals(interrupted.set), remote as operation:
         operation.begin(kind, arguments, watched=not options.detach)
-        until = _begun if options.detach else _ended
+        until = _begun if options.detach else lambda _: False
         status = operation.follow(told, give_up=options.give_up, until=until, interrupted=interrupted.is_set)
     show("")
     say(json.dumps(status, sort_keys=True) if as_json else operation_line(status))
@@ -56,10 +56,6 @@ def drive(
 
 def _begun(status: Mapping[str, Any]) -> bool:
     return status["state"] not in ("starting", "stopping")
-
-
-def _ended(status: Mapping[str, Any]) -> bool:
-    return status["state"] in FINAL
 
 
 def _judge(robot: str, status: Mapping[str, Any], *, interrupted: bool) -> None:

@@ -86,11 +86,7 @@ class Library:
         }
 
     def resolve(self, name: str) -> list[Path]:
-        """Return the files of a name: a log, or a folder that holds the files of one recording.
-
-        Raises:
-            ConfigError: The path leads out of the folder, directly or through a link, or is not a log.
-        """
+        """Return the files of a log, or of one recording's folder; raises ConfigError if outside, or no logs."""
         where = "logs"
         if not name or not name.isprintable() or len(name) > 1000:
             raise ConfigError(f"{name[:80]!r} is not a path", where=where, hint="such as run.mcap")
@@ -131,17 +127,9 @@ class Library:
         return entry.place.removeprefix(f"{self.folder}/")
 
     def _row(self, entry: LogEntry) -> dict[str, Any]:
-        return {
-            "name": self._name(entry),
-            "size": entry.size,
-            "start": entry.start,
-            "end": entry.end,
-            "seconds": entry.seconds,
-            "messages": entry.messages,
-            "lost": entry.lost,
-            "readable": entry.readable,
-            "problem": entry.problem[:200],
-        }
+        names = ("size", "start", "end", "seconds", "messages", "lost", "readable")
+        told = {name: getattr(entry, name) for name in names}
+        return {"name": self._name(entry), **told, "problem": entry.problem[:200]}
 
     def _look(self) -> int:
         """Request a scan and return its number."""

@@ -86,11 +86,7 @@ class FleetLink:
         return any(hmac.compare_digest(each, wanted) for each in found)
 
     def others(self) -> int:
-        """Return how many other agents have the same robot name.
-
-        Raises:
-            EnvironmentFaultError: Unknown, because the agent is not connected yet.
-        """
+        """Return how many other agents have this name; raises EnvironmentFaultError while not connected."""
         session = self._session
         if session is None:
             raise EnvironmentFaultError("this agent is still connecting", where=self._robot, hint="ask again")

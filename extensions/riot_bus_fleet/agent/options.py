@@ -148,11 +148,7 @@ class ControllerOptions:
     ] = field(default_factory=dict)
 
     def policy(self, default: str) -> dict[str, Any]:
-        """Return the arguments that tell a robot what to do when its controller is lost.
-
-        Raises:
-            ConfigError: A policy is chosen although no controller stays.
-        """
+        """Return what a robot does without its controller; raises ConfigError if no controller stays."""
         chosen = self.on_lost_controller
         if self.detach and chosen not in (None, "continue"):
             hint = "leave one of them out: with --detach there is no controller to be lost"

@@ -56,30 +56,22 @@ def find_robots(endpoint: str, *, config: Mapping[str, Any] | None = None) -> li
 
     with Remote(endpoint, config=config, kind="agent") as remote:
         session = remote.client.session
-        tokens = {
-            str(reply.ok.key_expr)
-            for reply in session.liveliness().get(ALL_AGENTS, timeout=_FIND_S)
-            if reply.ok is not None
-        }
+        found = session.liveliness().get(ALL_AGENTS, timeout=_FIND_S)
+        tokens = {str(reply.ok.key_expr) for reply in found if reply.ok is not None}
         answers = {}
         for reply in session.get(f"{OWN_CHUNK}/*/agent/status", target=zenoh.QueryTarget.ALL, timeout=_FIND_S):
             if reply.ok is not None and len(reply.ok.payload) <= _LARGEST:
                 document = document_of(reply.ok.payload.to_bytes())
                 answers[str(reply.ok.key_expr).split("/")[1]] = document.get("result")
     names = [token.split("/")[1] for token in tokens]
-    found = ((name, answers.get(name)) for name in sorted(set(names)))
-    return [Robot(name, names.count(name), status if isinstance(status, dict) else None) for name, status in found]
+    told = ((name, answers.get(name)) for name in sorted(set(names)))
+    return [Robot(name, names.count(name), status if isinstance(status, dict) else None) for name, status in told]
 
 
 def ask_robot(
     endpoint: str, robot: str, command: str, *, config: Mapping[str, Any] | None = None, **arguments: Any
 ) -> dict[str, Any]:
-    """Ask a robot's agent one question.
-
-    Raises:
-        EnvironmentFaultError: No router or no such robot answers.
-        RiotError: The agent answers with an error.
-    """
+    """Ask a robot's agent one question; raises EnvironmentFaultError without an answer, and its own errors."""
     check_robot(robot, where="ROBOT")
     with Remote(endpoint, robot, config=config, kind="agent") as remote:
         return remote.ask(f"agent/{command}", json.dumps(arguments).encode(), timeout=_BEGIN_S)
@@ -92,12 +84,12 @@ def list_logs(
     check_robot(robot, where="ROBOT")
     with Remote(endpoint, robot, config=config, kind="agent") as remote:
         deadline = time.monotonic() + _LOOKING_S
-        answer = remote.ask("agent/logs", json.dumps(arguments).encode(), timeout=_BEGIN_S)
-        while not answer.get("complete") and time.monotonic() < deadline:
+        while True:
+            answer = remote.ask("agent/logs", json.dumps(arguments).encode(), timeout=_BEGIN_S)
+            if answer.get("complete") or time.monotonic() >= deadline:
+                return answer
             time.sleep(_LOOK_S)
-            again = {**arguments, "look": answer.get("look")}
-            answer = remote.ask("agent/logs", json.dumps(again).encode(), timeout=_BEGIN_S)
-    return answer
+            arguments["look"] = answer.get("look")
 
 
 def who_am_i() -> str:
@@ -151,12 +143,7 @@ class RemoteOperation:
             self._remote.client.close()
 
     def begin(self, kind: str, arguments: Mapping[str, Any], *, watched: bool = True) -> dict[str, Any]:
-        """Start the operation on the robot and return its status.
-
-        Raises:
-            EnvironmentFaultError: The robot does not answer, or is busy.
-            ConfigError: The robot refuses.
-        """
+        """Start; return the status. Raises EnvironmentFaultError if busy or silent, ConfigError if refused."""
         lead = {"operation": self.operation, "secret": self._secret, "watched": watched, "who": who_am_i()}
         return self._own(self._ask(kind, {**lead, **arguments}, timeout=_BEGIN_S))
 
@@ -165,7 +152,7 @@ class RemoteOperation:
         told: Callable[[dict[str, Any] | None, float], None],
         *,
         give_up: float,
-        until: Callable[[Mapping[str, Any]], bool] = lambda status: status["state"] in FINAL,
+        until: Callable[[Mapping[str, Any]], bool] = lambda _: False,
         interrupted: Callable[[], bool] = lambda: False,
     ) -> dict[str, Any]:
         """Follow the operation to its end, through breaks of the link.

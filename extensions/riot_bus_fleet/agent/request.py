@@ -94,11 +94,7 @@ class PlayRequest(Lead):
     inject: Annotated[str, Field(max_length=1 << 19)] | None = None
 
     def options(self, agent: AgentOptions, files: Sequence[Path], plan: Path | None) -> PlayOptions:
-        """Return the options of the player.
-
-        Raises:
-            ConfigError: An option is wrong, or publishes at a key that is closed to remote users.
-        """
+        """Return the options of the player; raises ConfigError if one is wrong, or a key is closed."""
         from riot_bus.log.limits import tight_limits
         from riot_bus.log.naming import parse_remaps
 
@@ -141,11 +137,7 @@ class RecordRequest(Lead):
     output: _Text | None = None
 
     def options(self, agent: AgentOptions) -> CaptureOptions:
-        """Return the options of the recorder.
-
-        Raises:
-            ConfigError: An option is wrong, or the file exists or would be outside of the folder of logs.
-        """
+        """Return the options of the recorder; raises ConfigError if one, or the file, cannot be used."""
         from riot_bus.control.log_paths import safe_path
 
         own = {*Lead.model_fields, "output"}
@@ -174,11 +166,7 @@ def check_key(key: str, *, where: str) -> None:
 
 
 def parse_request(kind: type[RequestT], payload: bytes) -> RequestT:
-    """Return a received request, checked.
-
-    Raises:
-        ConfigError: The payload is not a request of this kind; names the place and what was expected.
-    """
+    """Return a received request, checked; raises ConfigError with the place and what was expected."""
     try:
         return kind.model_validate_json(payload or b"{}")
     except ValidationError as error:

@@ -21,7 +21,7 @@ from riot_bus_fleet.agent.library import Library
 from riot_bus_fleet.agent.link import FleetLink
 from riot_bus_fleet.agent.operations import Play, RecordOperation, check_room
 from riot_bus_fleet.agent.proof import proved
-from riot_bus_fleet.agent.request import ControllerWatch, Lead, PlayRequest, RecordRequest, parse_request
+from riot_bus_fleet.agent.request import ControllerWatch, PlayRequest, RecordRequest, parse_request
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,11 +38,7 @@ _LONGEST_WHO = 200  # as `Lead.who`: it becomes part of lines of the journal and
 
 
 class AgentService:
-    """The agent of a robot; a context manager that connects and, at the end, stops the current operation.
-
-    Raises:
-        ConfigError: An option is wrong.
-    """
+    """The agent of a robot; a context manager, whose end stops the operation. Raises ConfigError for wrong options."""
 
     def __init__(self, options: AgentOptions, *, say: Callable[[str], None] = _LOG.info) -> None:
         options.check()
@@ -159,7 +155,8 @@ class AgentService:
                 if present is not None and present.active:
                     raise self._busy(present)
                 self._operation, self._held = operation, False
-                self._watch = self._watch_of(lead)
+                watch = ControllerWatch(lead.on_lost_controller, lead.grace, time.monotonic())
+                self._watch = watch if lead.watched else None
                 operation.start()
                 what = ", ".join(operation.status().get("logs", []))
                 self._say(f"{operation.kind} for {lead.who}{what and f': {what}'}")
@@ -180,12 +177,6 @@ class AgentService:
             where=self.options.robot,
             hint=f"wait for its end, or end it: riot fleet stop {self.options.robot}",
         )
-
-    @staticmethod
-    def _watch_of(lead: Lead) -> ControllerWatch | None:
-        if not lead.watched:
-            return None
-        return ControllerWatch(lead.on_lost_controller, lead.grace, time.monotonic())
 
     def _steered(self, who: str, what: str) -> _Operation:
         operation = self._operation
@@ -299,47 +290,37 @@ def _logs(service: AgentService, request: CommandRequest) -> dict[str, Any]:
     return service.library.logs(query, offset=offset, limit=limit, look=look)
 
 
+def _command(do: Callable[[AgentService, CommandRequest], object], *, urgent: bool = False) -> Command:
+    """Return a command that answers with the status."""
+
+    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
+        do(service, request)
+        return service.answer(request.nonce())
+
+    return Command(run, urgent=urgent)
+
+
 def _steer(do: Callable[[AgentService, str], object]) -> Command:
     """Return a command whose only argument is the name of its sender."""
-
-    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
-        do(service, _who(request.arguments("who")))
-        return service.answer(request.nonce())
-
-    return Command(run, urgent=True)
+    return _command(lambda service, request: do(service, _who(request.arguments("who"))), urgent=True)
 
 
-def _begin(do: Callable[[AgentService, bytes], object]) -> Command:
-    """Return a command that begins an operation."""
-
-    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
-        do(service, request.payload)
-        return service.answer(request.nonce())
-
-    return Command(run)
-
-
-def _adjust(name: str, do: Callable[[AgentService, float, str], object]) -> Command:
-    """Return a command that takes a number."""
-
-    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
-        arguments = request.arguments(name, "who")
-        do(service, number_of(arguments.get(name), name), _who(arguments))
-        return service.answer(request.nonce())
-
-    return Command(run)
+def _number(request: CommandRequest, name: str) -> tuple[float, str]:
+    """Return the number that a command takes, and the name of its sender."""
+    arguments = request.arguments(name, "who")
+    return number_of(arguments.get(name), name), _who(arguments)
 
 
 AGENT_COMMANDS: dict[str, Command] = {
     "agent/status": Command(lambda service, request: service.answer(request.nonce()), reads=True, urgent=True),
     "agent/logs": Command(_logs, reads=True),
-    "agent/play": _begin(AgentService.play),
-    "agent/record": _begin(AgentService.record),
+    "agent/play": _command(lambda service, request: service.play(request.payload)),
+    "agent/record": _command(lambda service, request: service.record(request.payload)),
     "agent/pause": _steer(AgentService.pause),
     "agent/resume": _steer(AgentService.resume),
     "agent/stop": _steer(AgentService.stop),
-    "agent/seek": _adjust("time", AgentService.seek),
-    "agent/rate": _adjust("rate", AgentService.set_rate),
+    "agent/seek": _command(lambda service, request: service.seek(*_number(request, "time"))),
+    "agent/rate": _command(lambda service, request: service.set_rate(*_number(request, "rate"))),
 }
 """All commands by name; all but `agent/logs` answer with the status."""
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -17,9 +18,6 @@ from riot_bus.config.arguments import DEFAULT_ENDPOINT
 from riot_bus.play.options import PlayOptions
 from riot_bus.record.options import CaptureOptions
 from riot_bus_fleet.agent.options import ControllerOptions
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 Robot = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of the robot, as riot fleet robots lists it.")]
 FleetEndpoint = Annotated[

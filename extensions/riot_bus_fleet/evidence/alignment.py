@@ -38,7 +38,6 @@ class Response:
     """One internal field, at its own messages.
 
     Attributes:
-        pieces: Number of the piece of each part.
         times: Times of each part's rows, in seconds.
         step: Median time between its messages, in seconds.
     """

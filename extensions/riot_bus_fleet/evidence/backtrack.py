@@ -1,9 +1,6 @@
 """Paths from an internal field back to external topics, by logs alone, and the evidence for each (RIOT II-C).
 
-The topic graph gives the paths. Unknown writers of a topic, and unknown inputs of a component, are inferred from what
-the topic's fields follow, and marked as inferred. Each step back is tested on the fields of the topic that were found
-to matter in the step before. The external fields are also tested directly against the target field, given each other,
-which ranks them.
+The topic graph gives the paths; unknown writers and inputs are inferred from what the topic's fields follow.
 """
 
 from __future__ import annotations
@@ -12,17 +9,14 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from riot_bus.backchain.graph import ComponentTopics, Hop, TopicGraph
+from riot_bus.vocabulary.trial import Progress
 from riot_bus_fleet.evidence.alignment import Piece, Variants, held_variants, response_of, topic_of
 from riot_bus_fleet.evidence.dependence import ALPHA, Dependence, dependences
-from riot_bus_fleet.evidence.topic_paths import loops, tree_once
-
-if TYPE_CHECKING:
-    from riot_bus.vocabulary.trial import Progress
+from riot_bus_fleet.evidence.recorded_graph import loops, tree_once
 
 INFERRED = "inferred"
 
@@ -74,13 +68,10 @@ class Backtracked:
 
     Attributes:
         targets: The requested fields, each with why it cannot be judged (empty if it can).
-        externals: External topics, and who says so.
-        ranking: Evidence on the external fields for each target, the most promising first.
         unreachable: External topics from which no path of the graph leads to a target.
         unwritten: Topics on a path that have no known writer, though not external.
         missing: Topics on a path without a message in any log.
         loops: Sets of topics on a path that lead back to themselves.
-        unseen: Fields that were not tested, as there were too many.
         alpha: Accepted chance of any wrong source per field whose sources were tested.
     """
 

@@ -1,14 +1,10 @@
 """Finds the recorded fields that an internal one follows in nominal logs: lagged dependence, conditional on the rest.
 
-Nothing was perturbed here, so what is found is dependence, not proof of cause. First, the part that the field's own
-past predicts is removed: otherwise all slow fields would seem to follow each other, and a field that this one drives
-would seem to drive it (Granger). The residual, and its size, are compared with the level, square and changes of each
-candidate at many lags. Products are summed over blocks of time; the evidence is the sum divided by its spread between
-blocks. The null distribution comes from random signs of the blocks, the same for all candidates and lags (wild cluster
-bootstrap), with the maximum over all of them (Westfall and Young). So neither autocorrelation of the candidates, nor
-times of rest and of activity, nor a single coincidence, however large, looks like evidence. The strongest candidate is
-removed and the others are tested again on the rest, until none stands out; then each is tested once more given all
-others, and must explain something consistently over all logs, or stretches of logs.
+Nothing was perturbed here, so what is found is dependence, not proof of cause. The part that the field's own past
+predicts is removed first: otherwise all slow fields would seem to follow each other, and a field that this one drives
+would seem to drive it (Granger). The null distribution comes from random signs of blocks of time, the same for all
+candidates and lags (wild cluster bootstrap), with the maximum over all of them (Westfall and Young). So neither
+autocorrelation, nor times of rest and of activity, nor a single coincidence, however large, looks like evidence.
 """
 
 from __future__ import annotations

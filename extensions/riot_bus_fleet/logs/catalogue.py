@@ -94,11 +94,7 @@ def default_catalogue() -> Path:
 
 
 class Catalogue:
-    """Catalogue of logs; a context manager. It is safe for use by several threads and several processes.
-
-    Raises:
-        ConfigError: The file is not a catalogue, or does not exist.
-    """
+    """Catalogue of logs, for any threads and processes; a context manager. Raises ConfigError if the file is none."""
 
     def __init__(self, path: Path | None, *, create: bool = True) -> None:
         self.path = path

@@ -50,9 +50,7 @@ class LogEntry:
     Attributes:
         stamp: Value that changes when the file does: time of its last change, or the object's etag.
         readable: Whether it is a log at all; if not, `problem` says why and nothing else is known.
-        problem: Description of what is wrong with it; empty if nothing is missing.
         start: Time of the first message, nanoseconds since the Unix epoch; None if there is none.
-        lost: Messages that are known to be missing.
         gone: Whether it was missing when its folder was last looked at.
         scanned: Whether all of it was read, not only its summary.
     """

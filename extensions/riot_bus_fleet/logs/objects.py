@@ -1,16 +1,16 @@
 """Logs in object stores and other places that fsspec knows: S3, GCS, Azure, SFTP, HTTP ...
 
-No log is ever loaded into memory as a whole. For the catalogue, only the head and the summary of a log are fetched,
-into a file with a hole in between; a log without a summary is copied to disk, block by block.
+No log is ever loaded into memory as a whole: head and summary are fetched, or all of it is copied to disk.
 """
 
 from __future__ import annotations
 
 import struct
 import tempfile
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mcap.opcode import Opcode
 from mcap.records import MetadataIndex
@@ -21,9 +21,6 @@ from riot_bus.log.engine.scan import parse
 from riot_bus.log.layout import RUN
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, needs_extra
 from riot_bus_fleet.logs.entry import ENDING, StoredLog
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
 
 _STAMPS = ("ETag", "etag", "md5Hash", "content_md5", "mtime", "LastModified", "last_modified", "updated", "created")
 _BLOCK = 1 << 22  # held in memory by each thread; a smaller log is fetched whole, by one request
@@ -37,11 +34,7 @@ _LONGEST_RUN = 1 << 20  # with `_MOST_RUNS`, at most 16 MiB of metadata are fetc
 
 
 class ObjectStore:
-    """A folder behind a URL, or a single log there.
-
-    Raises:
-        ConfigError: The URL is wrong, or a package is missing.
-    """
+    """A folder behind a URL, or a single log there; raises ConfigError if the URL is wrong, or a package is missing."""
 
     partial = True
 

@@ -42,7 +42,6 @@ class Query:
 
     Attributes:
         condition: SQL over the table `logs`, made of fixed parts.
-        parameters: Values for its question marks.
     """
 
     text: str = ""

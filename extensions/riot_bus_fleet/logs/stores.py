@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import os
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from riot_bus.given_files import given_file
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_fleet.logs.entry import ENDING, StoredLog
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from contextlib import AbstractContextManager
 
 
 class Store(Protocol):
@@ -39,11 +36,7 @@ class Store(Protocol):
 
 
 class FolderStore:
-    """A folder of this machine, or a single log. Links to folders, or out of the folder, are not followed.
-
-    Raises:
-        ConfigError: The path does not exist, or is a pipe or a device.
-    """
+    """A folder of this machine, without links that lead out, or a log; raises ConfigError if it is none of these."""
 
     partial = False
 
@@ -93,11 +86,7 @@ class FolderStore:
 
 
 def open_store(root: str) -> Store:
-    """Open a folder, a log, or the URL of an object store.
-
-    Raises:
-        ConfigError: The place does not exist, or a package needed to open it is missing.
-    """
+    """Open a folder, a log, or the URL of an object store; raises ConfigError if it cannot."""
     if "://" in root and not root.startswith("file://"):
         from riot_bus_fleet.logs.objects import ObjectStore
 
@@ -107,11 +96,7 @@ def open_store(root: str) -> Store:
 
 @contextmanager
 def copied(place: str) -> Iterator[Path]:
-    """Yield a local file with all of a log, wherever the log is; a copy on disk is deleted afterwards.
-
-    Raises:
-        ConfigError: The log cannot be read.
-    """
+    """Yield a local file with all of a log, perhaps a copy that is deleted afterwards; raises ConfigError."""
     store = open_store(place)
     problems: list[str] = []
     log = next(store.logs(problems.append), None)

@@ -1,4 +1,4 @@
-"""`riot import`, and `riot export` into formats of other tools."""
+"""`riot import`."""
 
 from __future__ import annotations
 
@@ -12,10 +12,7 @@ from riot_bus.cli.options import Definitions, Format, OutputFormat
 from riot_bus.cli.printing import print_result
 
 if TYPE_CHECKING:
-    from riot_bus.log.loss import Loss
     from riot_bus.types.model import Adapter
-
-_TABLES = (".csv", ".parquet")
 
 
 def register(app: typer.Typer) -> None:
@@ -38,44 +35,14 @@ def import_(
     from riot_bus.vocabulary.errors import DataLossError
     from riot_bus_logtools.archives import import_archive
 
-    done = import_archive(file, log, _adapters(msg), force=force)
+    done = import_archive(file, log, adapters_with(msg), force=force)
     document = {"file": str(log), "messages": done.messages, "damage": done.damage}
     print_result(form, document, [f"{log}: {done.messages} messages"])
     if done.damage:
         raise DataLossError(done.damage, where=str(file))
 
 
-def messages_to_file(
-    log: Path,
-    out: Path,
-    topics: list[str] | None,
-    definitions: list[Path] | None,
-    span: tuple[int | None, int | None],
-    form: OutputFormat,
-    *,
-    fields: bool,
-    force: bool,
-    salvage: bool,
-) -> Loss:
-    """Write a log's messages in a format of other tools, and print that; return what could not be read."""
-    from riot_bus.vocabulary.errors import ConfigError
-    from riot_bus_logtools.archives import export_archive
-
-    adapters = _adapters(definitions)
-    if out.suffix in _TABLES:
-        if fields:
-            raise ConfigError("--topics is not for tables", where=str(out), hint="name columns by --field")
-        raise ConfigError("no column is wanted", where=str(out), hint="name one: --field /odom:pose.pose.position.x")
-    if fields:
-        raise ConfigError("--field is for tables", where=str(out), hint="choose messages by --topics")
-    done = export_archive(log, out, adapters, topics=topics, start=span[0], end=span[1], force=force, salvage=salvage)
-    document = {"file": str(out), "messages": done.messages, "skipped": done.skipped}
-    skipped = f", {done.skipped} others skipped" if done.skipped else ""
-    print_result(form, document, [f"{out}: {done.messages} messages{skipped}"])
-    return done.loss
-
-
-def _adapters(definitions: list[Path] | None) -> list[Adapter]:
+def adapters_with(definitions: list[Path] | None) -> list[Adapter]:
     """Return the adapters with these definitions loaded."""
     from riot_bus.types.registry import TypeRegistry, load_adapters
 

@@ -103,11 +103,7 @@ def play_expected(
     html: Path | None,
     form: OutputFormat,
 ) -> bool:
-    """Play logs, and print how the answers differ from the expected ones; return False if it was interrupted.
-
-    Raises:
-        Exit: They differ.
-    """
+    """Play logs, and print how the answers differ, which raises Exit; return False if it was interrupted."""
     from riot_bus_logtools.comparison.compare import Wishes
     from riot_bus_logtools.comparison.expectation import play_expecting
     from riot_bus_logtools.comparison.tolerances import tolerances_of

@@ -13,7 +13,7 @@ from riot_bus.cli.logs import end_with_loss, file_of, registry_of
 from riot_bus.cli.options import Definitions, Format, OutputFormat, Salvage, Types
 from riot_bus.cli.printing import print_result
 from riot_bus.vocabulary.redaction import escape_control_chars
-from riot_bus_logtools.cli.archives import messages_to_file
+from riot_bus_logtools.cli.archives import adapters_with
 
 
 def register(app: typer.Typer) -> None:
@@ -54,6 +54,8 @@ def export(
     """
     from riot_bus.log.naming import parse_time
     from riot_bus.log.reader import LogReader
+    from riot_bus.vocabulary.errors import ConfigError
+    from riot_bus_logtools.archives import export_archive
     from riot_bus_logtools.export.export import export_table
 
     log = file_of(log)
@@ -63,9 +65,20 @@ def export(
     first = None if start is None else parse_time(start, begin, where="--start")
     last = None if end is None else parse_time(end, begin, where="--end")
     if field is None or topics is not None:
-        fields = field is not None
-        loss = messages_to_file(log, out, topics, msg, (first, last), form, fields=fields, force=force, salvage=salvage)
-        end_with_loss(loss, None, log)
+        adapters = adapters_with(msg)
+        if out.suffix in (".csv", ".parquet"):
+            if field is not None:
+                raise ConfigError("--topics is not for tables", where=str(out), hint="name columns by --field")
+            raise ConfigError(
+                "no column is wanted", where=str(out), hint="name one: --field /odom:pose.pose.position.x"
+            )
+        if field is not None:
+            raise ConfigError("--field is for tables", where=str(out), hint="choose messages by --topics")
+        told = export_archive(log, out, adapters, topics=topics, start=first, end=last, force=force, salvage=salvage)
+        skipped = f", {told.skipped} others skipped" if told.skipped else ""
+        document = {"file": str(out), "messages": told.messages, "skipped": told.skipped}
+        print_result(form, document, [f"{out}: {told.messages} messages{skipped}"])
+        end_with_loss(told.loss, None, log)
         return
     done = export_table(
         log, field, out, start=first, end=last, force=force, registry=registry, salvage=salvage, raw=raw

@@ -54,9 +54,6 @@ class Shape:
     """The fields of those messages of a topic that have the same ones, by their indices.
 
     Attributes:
-        number: Number that stands for the shape.
-        names: Path of each field, in which `[*]` stands for any element.
-        compared: Indices of the fields that are compared.
         identity: Indices of the fields that tell the messages of a publisher apart: stamps, or else sequence numbers.
         cut: Arrays that have more elements than are listed.
     """

@@ -66,8 +66,6 @@ class Likeness:
     Args:
         a: Numbers of messages of one log, shape (messages, fields).
         b: Numbers of messages of the other log, shape (messages, fields).
-        texts: Fields that are not numbers.
-        rules: Tolerances by field.
     """
 
     def __init__(

@@ -19,12 +19,7 @@ _WIDTH, _HEIGHT = 480.0, 24.0  # pixels: four for each of 120 parts of a log; a 
 
 
 def write_diff_page(found: LogDifference, path: Path) -> Path:
-    """Write the page: topics that differ, with the fields and places in the log, then all other topics.
-
-    Raises:
-        MissingExtraError: jinja2 is not installed.
-        ConfigError: It cannot be written there.
-    """
+    """Write the page, topics that differ first; raises MissingExtraError without jinja2, ConfigError if it cannot."""
     page = rendered(
         "diff.html.j2",
         found=found,

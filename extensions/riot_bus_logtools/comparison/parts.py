@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +28,9 @@ class FieldDifference:
     """A field that differs in some messages; numbers are None where values are none.
 
     Attributes:
-        name: Path of the field, in which `[*]` stands for any element.
-        messages: Number of messages in which it differs.
         example: Place where it differs most; for texts, where it differs first.
         typical: Median difference of the messages in which it differs; `largest` is the largest one.
         low: Smallest value in either log, `high` the largest one.
-        whole: Whether all of these are whole numbers.
         unlike: Messages in which only one log has the field, or in which it is not a number in one log.
         turns: Share of differences that have another sign than the one before: half of them in noise, few in a drift.
     """
@@ -71,17 +66,12 @@ class TopicDifference:
 
     Attributes:
         type: Name of its type in the first log, or in the second one if the first has none.
-        equal: Messages that are the same in both, in the same order.
         near: Number of those that differ within the tolerances.
         lost: Messages of the first log only, `added` those of the second one.
-        moved: Messages that both have, in another order.
-        unaligned: Messages of both logs that could not be paired.
-        fields: Fields that differ, those in most messages first.
         left: Number of messages by name of each field that differs and is not compared.
         same_fields: Messages that have other bytes, but the same fields.
         opaque: Messages that were compared as bytes in both logs, by reason.
         lost_at: Numbers of the first lost messages; of moved ones, there are those in both logs.
-        allowed: Number of messages that may be lost, added or moved.
         labels: Other properties that differ between the logs, such as `encoding`.
         profile: Share of the first log's messages that are changed, lost or moved, along the log; empty if none is.
     """

@@ -24,7 +24,7 @@ from riot_bus.log.showing import value_text
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
 from riot_bus.vocabulary.toml_text import toml_string, toml_value
-from riot_bus_logtools.comparison.tolerances import TABLE, TopicTolerances
+from riot_bus_logtools.comparison.tolerances import TABLE, TopicTolerances, entry_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -91,7 +91,7 @@ class Proposal:
 
     def given(self) -> TopicTolerances:
         """Return the tolerances as `riot diff` takes them."""
-        return TopicTolerances([(each.name, each.value) for each in self.tolerances])
+        return TopicTolerances([entry_of(each.name, each.value) for each in self.tolerances])
 
     def toml(self) -> str:
         """Return the text of a file for `riot diff --tolerances`."""
@@ -128,10 +128,8 @@ def margin_of(runs: int, fields: Sequence[FieldDifference] = (), *, pairs: int =
     """Return the margin by which the largest difference among runs is multiplied.
 
     Args:
-        runs: Number of runs.
         fields: Differences of a field in those pairs of runs in which it differs; empty for a quantity of which each
             run has one figure.
-        pairs: Number of all pairs of runs.
     """
     largest = [each.largest or 0.0 for each in fields]
     if _drifts(fields):

@@ -1,7 +1,4 @@
-"""One side of a comparison: the messages of each topic by hash and time, some of them with their content.
-
-A recording is read once for the hashes of all messages, and once more for those of which the content is needed.
-"""
+"""One side of a comparison: the messages of each topic by hash and time, some of them with their content."""
 
 from __future__ import annotations
 
@@ -30,9 +27,7 @@ class Track:
     Attributes:
         type: Name of the messages' type; empty if it is unknown.
         attachments: Whether attachments are content, not metadata of a middleware.
-        hashes: Hashes of the messages' bytes.
         times: Reception times, nanoseconds.
-        places: Positions among all messages of the recording.
     """
 
     key: str
@@ -64,8 +59,6 @@ class Recording:
     """The messages of a log.
 
     Args:
-        name: Name of the log shown to users.
-        registry: Registry that knows the types of the messages.
         messages: Function that yields the messages of all keys (None) or of the given ones, at each call.
         names: Topic and type by key, where the log says more than the key does.
 

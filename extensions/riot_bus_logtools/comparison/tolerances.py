@@ -62,7 +62,9 @@ TIME: Final = Tolerance(leave="a time")
 
 
 @dataclass(frozen=True, slots=True)
-class _Entry:
+class ToleranceEntry:
+    """What is tolerated of the fields that a text names."""
+
     text: str
     topic: str
     path: str
@@ -72,7 +74,7 @@ class _Entry:
 class TolerancesOfTopic:
     """Tolerances of the fields of one topic, in order of precedence, and of its number of messages."""
 
-    def __init__(self, entries: Sequence[_Entry] = ()) -> None:
+    def __init__(self, entries: Sequence[ToleranceEntry] = ()) -> None:
         self._entries = entries
 
     @cached_property
@@ -90,29 +92,10 @@ class TolerancesOfTopic:
 
 
 class TopicTolerances:
-    """Tolerances of the topics of two logs, from their left sides and values: numbers, `1%`, `ignore`.
+    """Tolerances of the topics of two logs; the last one that names a field counts."""
 
-    The last one that names a field counts. Raises ConfigError for an entry that is no tolerance.
-    """
-
-    def __init__(self, given: Sequence[tuple[str, object]] = (), *, where: str = TABLE) -> None:
-        self._entries = [_entry(text, value, where) for text, value in given]
-
-    @classmethod
-    def of_options(cls, texts: Sequence[str]) -> TopicTolerances:
-        """Return the tolerances given with `--tolerance`; raises ConfigError if a text is not a tolerance."""
-        given = []
-        for text in texts:
-            left, equals, value = text.rpartition("=")
-            if not equals:
-                raise ConfigError(f"{text!r} says no tolerance", where="--tolerance", hint=_HINT)
-            given.append((left.strip(), value.strip()))
-        return cls(given, where="--tolerance")
-
-    def __add__(self, others: TopicTolerances) -> TopicTolerances:
-        both = TopicTolerances()
-        both._entries = [*self._entries, *others._entries]
-        return both
+    def __init__(self, entries: Sequence[ToleranceEntry] = ()) -> None:
+        self._entries = entries
 
     def of_topic(self, named: Callable[[str], bool]) -> TolerancesOfTopic:
         """Return the tolerances of a topic; `named` tells whether a name or key expression includes it."""
@@ -123,16 +106,19 @@ class TopicTolerances:
         return [each.text for each in self._entries if not named(each.topic)]
 
 
-def tolerances_of(texts: Sequence[str], files: Sequence[Path]) -> TopicTolerances:
+def tolerances_of(texts: Sequence[str], files: Sequence[Path] = ()) -> TopicTolerances:
     """Return the tolerances of files and of options, which take precedence; raises ConfigError."""
-    found = TopicTolerances()
-    for file in files:
-        found += read_tolerances(file)
-    return found + TopicTolerances.of_options(texts)
+    found = [entry_of(text, value, str(file)) for file in files for text, value in _table_of(file).items()]
+    for text in texts:
+        left, equals, value = text.rpartition("=")
+        if not equals:
+            raise ConfigError(f"{text!r} says no tolerance", where="--tolerance", hint=_HINT)
+        found.append(entry_of(left.strip(), value.strip(), "--tolerance"))
+    return TopicTolerances(found)
 
 
-def read_tolerances(path: Path) -> TopicTolerances:
-    """Read a file of tolerances; raises ConfigError if it cannot be read, or contains something else."""
+def _table_of(path: Path) -> Mapping[str, object]:
+    """Return the table of a file; raises ConfigError if it cannot be read, or contains something else."""
     try:
         document = parse_toml(given_text(path, most=MOST_TOML), where=str(path))
     except OSError as error:
@@ -143,15 +129,16 @@ def read_tolerances(path: Path) -> TopicTolerances:
     if set(document) != {TABLE} or not isinstance(table, Mapping):
         hint = f"write one table [{TABLE}] with lines such as '\"/odom:pose.pose.position.x\" = 0.01'"
         raise ConfigError("this file holds something else than tolerances", where=str(path), hint=hint)
-    return TopicTolerances(list(table.items()), where=str(path))
+    return table
 
 
-def _entry(text: str, value: object, where: str) -> _Entry:
+def entry_of(text: str, value: object, where: str = TABLE) -> ToleranceEntry:
+    """Return an entry from its left side and value, a number, `1%` or `ignore`; raises ConfigError for others."""
     topic, path = split_field(text)
     tolerance = _tolerance(value)
     if not topic or tolerance is None or text.endswith(":"):
         raise ConfigError(f"{text!r} = {value!r} says no tolerance", where=where, hint=_HINT)
-    return _Entry(text, topic, path, tolerance)
+    return ToleranceEntry(text, topic, path, tolerance)
 
 
 def _tolerance(value: object) -> Tolerance | None:

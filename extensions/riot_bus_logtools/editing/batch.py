@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.log.engine.blocks import HEAD, MESSAGE_HEAD, SHORTEST_MESSAGE, heads_of
+from riot_bus.log.engine.blocks import HEAD, MESSAGE_HEAD, SHORTEST_MESSAGE, TIMES, heads_of
+from riot_bus.log.engine.limits import DEFAULT_LIMITS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,7 +27,6 @@ class Batch:
     """A batch of n messages.
 
     Attributes:
-        buffer: Buffer that holds their records.
         start: Offset at which each record begins, shape (n,).
         end: Offset at which each record ends, shape (n,).
         edit: Number of the `ChannelEdit` of each message, shape (n,).
@@ -165,3 +166,43 @@ def _joined(parts: Sequence[tuple[int, NDArray[Any] | None]], nothing: Any, kind
     if all(part is None for _, part in parts):
         return None
     return np.concatenate([np.full(count, nothing, kind) if part is None else part for count, part in parts])
+
+
+class Sorter:
+    """Holds messages until no earlier ones can follow; the order is stable.
+
+    If more than `most` bytes have to be held, the earliest are released anyway: a reader sorts by time in any case.
+    """
+
+    def __init__(self, most: int = DEFAULT_LIMITS.held) -> None:
+        self._pending: list[tuple[tuple[int, int], Batch]] = []
+        self._most = most
+        self._held = 0
+
+    def add(self, rank: tuple[int, int], batch: Batch) -> None:
+        """Add messages; of those of equal time, the ones of lower rank come first."""
+        if len(batch):
+            self._pending.append((rank, batch.by_time()))
+            self._held += _weight(batch)
+
+    def ready(self, bound: int | None) -> Batch:
+        """Return the messages before a time (None: all), since others may follow there, by time."""
+        limit = TIMES if bound is None else bound
+        if self._held > self._most:
+            times = np.concatenate([batch.time for _, batch in self._pending])
+            limit = max(limit, int(np.partition(times, len(times) // 2)[len(times) // 2]) + 1)  # half of them
+        parts: list[Batch] = []
+        pending, self._pending = sorted(self._pending, key=itemgetter(0)), []
+        for rank, batch in pending:
+            count = len(batch)
+            if limit < TIMES:
+                count = int(np.searchsorted(batch.time, np.uint64(max(0, limit)), side="left"))
+            parts.append(batch if count == len(batch) else batch.take(slice(0, count)))
+            if count < len(batch):
+                self._pending.append((rank, batch.take(slice(count, None)) if count else batch))
+        self._held = sum(_weight(batch) for _, batch in self._pending)
+        return gathered(parts).by_time()
+
+
+def _weight(batch: Batch) -> int:
+    return batch.weight + 64 * len(batch)  # its arrays take 28 to 48 bytes a message, extras more

@@ -15,9 +15,15 @@ from riot_bus.log.naming import in_full, means, renamed
 from riot_bus.log.reader import channel_source
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
-from riot_bus_logtools.editing.channel_edit import ChannelEdit, EditStep, concerning
+from riot_bus_logtools.editing.channel_edit import (
+    ChannelEdit,
+    EditStep,
+    OutputChannel,
+    Targets,
+    concerning,
+    new_identity,
+)
 from riot_bus_logtools.editing.result import EditCounts
-from riot_bus_logtools.editing.targets import OutputChannel, Targets, new_identity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

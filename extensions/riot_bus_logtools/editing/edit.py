@@ -12,21 +12,74 @@ from riot_bus.log.engine.blocks import MESSAGE_HEAD, TIMES
 from riot_bus.log.naming import parse_time
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.types.capabilities import PublishesAs
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_logtools.editing.batch import Batch, gathered, renumbered, shifted, with_payloads
+from riot_bus_logtools.editing.batch import Batch, Sorter, gathered, renumbered, shifted, with_payloads
 from riot_bus_logtools.editing.channel_table import ChannelTable
 from riot_bus_logtools.editing.inputs import InputLog
-from riot_bus_logtools.editing.latched import LatchedMessages
 from riot_bus_logtools.editing.output_set import OutputSet
 from riot_bus_logtools.editing.piping import Piping
 from riot_bus_logtools.editing.result import EditResult
-from riot_bus_logtools.editing.sorting import Sorter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from numpy.typing import NDArray
+
     from riot_bus.log.engine.blocks import Block
+    from riot_bus.types.model import Adapter
+    from riot_bus_logtools.editing.channel_edit import ChannelEdit
     from riot_bus_logtools.editing.options import EditOptions
+
+
+class LatchedMessages:
+    """Keeps the last messages of latched topics until the slice begins; adapters know which topics these are."""
+
+    def __init__(self, start: int, edits: Sequence[ChannelEdit], adapters: Sequence[Adapter]) -> None:
+        self._start = start
+        self._depths = [0 if edit.original else _depth(edit, adapters) for edit in edits]
+        self._last: dict[int, Batch] = {}
+        self._released = False
+
+    def wanted(self, batch: Batch) -> NDArray[np.bool_]:
+        """Return which messages of a log `run` needs: all of latched topics, of others those in the slice."""
+        latched = np.array(self._depths, np.int64)[batch.edit] > 0
+        found: NDArray[np.bool_] = latched | (batch.time >= np.uint64(self._start))
+        return found
+
+    def run(self, batch: Batch) -> Batch:
+        """Return the messages in the slice, after the latched ones if these are the first; all are sorted by time."""
+        early = batch.time < np.uint64(self._start)
+        before, inside = batch.where(early), batch.where(~early)
+        for number in np.unique(before.edit).tolist():
+            same = [self._last[number]] if number in self._last else []
+            rows = before.where(before.edit == number)
+            self._last[number] = gathered([*same, rows]).take(slice(-self._depths[number], None))
+        if self._released or not len(inside):
+            return inside
+        return gathered([self.rest(), inside])
+
+    def rest(self) -> Batch:
+        """Return the latched messages, with the start of the slice as their time; none if already returned."""
+        if self._released:
+            return gathered([])
+        self._released = True
+        held = gathered(list(self._last.values())).by_time()
+        found = gathered([held.take(slice(None))])
+        moved, _ = shifted(found, (np.uint64(self._start) - found.time).astype(np.int64))
+        moved.changed = moved.edit.copy()
+        return moved
+
+
+def _depth(edit: ChannelEdit, adapters: Sequence[Adapter]) -> int:
+    for adapter in adapters:
+        try:
+            offer = adapter.offer(edit.topic, name=None, domain=None) if isinstance(adapter, PublishesAs) else None
+        except ConfigError:
+            continue
+        if offer is not None:
+            return offer.depth or 0
+    return 0
 
 
 def edit(

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from riot_bus.log.engine.blocks import Block, Span
     from riot_bus.log.layout import Role
     from riot_bus.types.capabilities import RecordedTopic
-    from riot_bus_logtools.editing.targets import OutputChannel
+    from riot_bus_logtools.editing.channel_edit import OutputChannel
 
 
 class InputLog(LogReader):

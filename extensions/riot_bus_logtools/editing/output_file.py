@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from riot_bus.log.engine.chunk import Companions
     from riot_bus_logtools.editing.batch import Batch
-    from riot_bus_logtools.editing.targets import OutputChannel
+    from riot_bus_logtools.editing.channel_edit import OutputChannel
 
 
 @dataclass(slots=True)
@@ -38,8 +38,6 @@ class _Draft:
     """The parts of a future chunk; joining them takes time, so it is done on the writing thread.
 
     Attributes:
-        definitions: Schema and channel records.
-        pieces: Records of the messages.
         rows: Channel, time and length of the messages of each batch, shape (n,) each.
         extras: Positions of messages, and their extras.
         size: Bytes of the messages and their attachments.

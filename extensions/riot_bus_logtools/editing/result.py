@@ -43,13 +43,9 @@ class EditResult:
     """The result of an edit.
 
     Attributes:
-        topics: Counts of each topic, sorted by name.
-        files: Files that were written; empty for a dry run.
         losses: Descriptions of what could not be read, such as "the file was not closed", by path of the input; only of
             inputs with losses.
         unwritable: Number of messages whose time would not fit into a log, by topic.
-        warnings: Warnings, as sentences.
-        hint: Advice on damage; None if there is none.
     """
 
     topics: Sequence[EditCounts]

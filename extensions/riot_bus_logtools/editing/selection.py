@@ -7,19 +7,15 @@ end may be left out, and the last one is not included. `every 5` means the numbe
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from riot_bus.log.engine.blocks import TIMES
 from riot_bus.log.naming import parse_time
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Scalar
 from riot_bus.vocabulary.predicate import Predicate, parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from riot_bus.vocabulary.message import Scalar
 
 _CLAUSE = re.compile(r"(.*?)\s*(?<!\S)(during|index|every)\s+(\S+)", re.DOTALL)
 _HINT = "write TOPIC [during A..B] [index I..J] [every N] [where PREDICATE], such as '/odom during 5..9 where x > 3'"
@@ -33,7 +29,6 @@ class Condition:
         low: Earliest time, nanoseconds; `high` is exclusive.
         first: First number within the topic; `last` is exclusive, None for no limit.
         every: Divisor of the selected numbers.
-        where: Predicate on the fields.
     """
 
     low: int = -TIMES

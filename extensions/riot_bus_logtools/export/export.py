@@ -20,7 +20,7 @@ from riot_bus.types.bulk import gather, join
 from riot_bus.types.capabilities import GathersFields
 from riot_bus.types.payloads import Gathered
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean, require_package
-from riot_bus_logtools.export.rows import Kind, Rows
+from riot_bus_logtools.export.csv_file import Kind, Rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus_logtools.export.rows import text_of
+from riot_bus_logtools.export.csv_file import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from riot_bus_logtools.export.rows import Kind, Rows
+    from riot_bus_logtools.export.csv_file import Kind, Rows
 
 
 class ParquetTableWriter:

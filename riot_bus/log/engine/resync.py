@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import os
 import struct
-from typing import TYPE_CHECKING
+from collections.abc import Container
 
 from mcap.opcode import Opcode
 
 from riot_bus.log.engine.blocks import CHUNK, HEAD, MAX_BLOCK, SHORTEST_MESSAGE
-
-if TYPE_CHECKING:
-    from collections.abc import Container
 
 _FIRST_WINDOW, _WINDOW = 1 << 16, 1 << 22  # most damage is short; the search takes several times a window in memory
 _NAMES = (b"", b"lz4", b"zstd")

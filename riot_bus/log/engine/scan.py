@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -35,9 +36,6 @@ from riot_bus.log.engine.blocks import (
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.limits import DEFAULT_LIMITS, BeyondLimitError, LogLimits
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
 """Bytes at the end of a file that was closed: footer and magic."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from typing import TYPE_CHECKING, Protocol
-
-if TYPE_CHECKING:
-    import threading
+from typing import Protocol
 
 _SPIN_NS = 150_000  # threads wake 50 to 100 us late; more would only cost processor time
 _IDLE_S = 3600.0  # callers wait again; at slow rates, waits could exceed threading.TIMEOUT_MAX (292 years)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from riot_bus.vocabulary.errors import ConfigError, require_package
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:

@@ -14,11 +14,10 @@ import json
 import os
 import re
 import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from typing import Any
 
 _FOLDER = os.path.dirname(os.path.abspath(__file__))
 _INTERPRETER = re.compile(r"(?:python|pypy)[0-9.]*t?")

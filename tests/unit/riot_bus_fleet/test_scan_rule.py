@@ -9,7 +9,7 @@ from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_fleet.scan_rule import ScanRule
+from riot_bus_fleet.scan import ScanRule
 from tests.unit.riot_bus_fleet.test_scan import write_rule
 
 BOTH = Rule(((Literal(Feature("raw", ("a:x",)), ">", 5), Literal(Feature("raw", ("a before b",)), "==", True)),))

@@ -74,7 +74,7 @@ def test_timers_are_looked_for_until_there_is_nothing_for_a_while() -> None:
 
 
 def test_resources_are_noted_over_time_and_discarded_by_a_restart(monkeypatch: pytest.MonkeyPatch) -> None:
-    processes = SimpleNamespace(roots=lambda names: (), bridge_of=lambda name: None)
+    processes = SimpleNamespace(roots=lambda names: (), bridges={})
     seen = Observation(processes, SimpleNamespace(inputs=[1, 2]))  # type: ignore[arg-type]
     assert [each.messages for each in seen.sample_resources("part")] == [2]
     assert len(seen.sample_resources("part")) == len(seen.samples("part")) == 2

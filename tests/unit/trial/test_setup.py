@@ -32,7 +32,7 @@ def setup(*, status: int | None = None, attach: str | None = None, reasons: dict
         started={"part": process},
         alive=lambda names: status is None,
         check_way=lambda name: None,
-        folder_of=lambda name: Path("code"),
+        folders={"part": Path("code")},
         excess=lambda name: None,
     )
     made.observation = SimpleNamespace(samples=lambda name: ())

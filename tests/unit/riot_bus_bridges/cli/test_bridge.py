@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from riot_bus.cli.main import make_app
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 from riot_bus_bridges.bridging import OwnRouter
-from riot_bus_bridges.cli.bridge import BusHost
+from riot_bus_bridges.cli.bridge import BridgeHost
 
 TOY = '''
 from dataclasses import dataclass
@@ -116,11 +116,11 @@ sys.exit(", ".join(sorted(heavy & set(sys.modules))) or None)
 
 
 def test_segments_are_known_by_name_or_place() -> None:
-    assert list(BusHost().ports(["system", "x=tcp/127.0.0.1:1"])) == ["system", "x"]
-    assert BusHost().segments(OwnRouter(segments=["a=tcp/127.0.0.1:0", "b=tcp/127.0.0.1:0"])) == ["a", "b"]
+    assert list(BridgeHost().ports(["system", "x=tcp/127.0.0.1:1"])) == ["system", "x"]
+    assert BridgeHost().segments(OwnRouter(segments=["a=tcp/127.0.0.1:0", "b=tcp/127.0.0.1:0"])) == ["a", "b"]
     with pytest.raises(ConfigError, match="nosuch"):
-        BusHost().ports(["nosuch"])
-    (port,) = BusHost().ports([], "tcp/127.0.0.1:1").values()
+        BridgeHost().ports(["nosuch"])
+    (port,) = BridgeHost().ports([], "tcp/127.0.0.1:1").values()
     with pytest.raises(EnvironmentFaultError), port:
         pytest.fail("nobody listens there")
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from typer.testing import CliRunner
 
-from riot_bus_bridges.cli.options import with_options
+from riot_bus_bridges.cli.bridge import with_options
 from tests.unit.cli.test_declared import Options
 
 

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from riot_bus.vocabulary.message import Qos
-from riot_bus_bridges.host.audience import Inner
-from riot_bus_bridges.host.local_ingress import LocalIngress
+from riot_bus_bridges.host.local_ingress import Inner, LocalIngress
 from tests.unit.router.fake_bus import WAIT_S, FakeBus, Recorder, eventually
 
 BLOCK = Qos(congestion="block")

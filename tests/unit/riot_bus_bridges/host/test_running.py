@@ -69,6 +69,9 @@ class Quiet:
     def __exit__(self, *error: object) -> None:
         pass
 
+    def words(self) -> dict[str, str]:
+        return {"port": "5760"}
+
     def status(self) -> dict[str, object]:
         return {}
 
@@ -86,41 +89,35 @@ def python(code: str) -> list[str]:
 @pytest.mark.parametrize(("code", "status"), [("pass", 0), ("raise SystemExit(3)", 3)])
 def test_the_bridge_ends_with_its_program(code: str, status: int) -> None:
     bridge, said = Quiet(), []
-    done = run_bridge(
-        bridge, Foreground(said.append, said.append), program=lambda: Program(python(code), {}, ended=bridge.stop)
-    )
+    done = run_bridge(bridge, Foreground(said.append, said.append), python(code))
     assert (done, said) == (status, ["ready", "ended"])
 
 
 def test_a_signal_is_told() -> None:
     bridge = Quiet()
     code = "import os; os.kill(os.getpid(), 9)"
-    assert run_bridge(bridge, Foreground(str, str), program=lambda: Program(python(code), {}, ended=bridge.stop)) == -9
+    assert run_bridge(bridge, Foreground(str, str), python(code)) == -9
 
 
 def test_the_program_ends_with_the_bridge() -> None:
-    bridge, programs = Quiet(), []
-
-    def start() -> Program:
-        programs.append(Program(python("import time; time.sleep(600)"), {}, ended=lambda: None))
-        bridge.stop()
-        return programs[0]
-
-    assert run_bridge(bridge, Foreground(str, str), program=start) == 0
-    assert programs[0].status == -signal.SIGTERM
+    bridge = Quiet()
+    assert run_bridge(bridge, Foreground(str, str), python("import time; time.sleep(600)"), look=bridge.stop) == 0
+    with Program(python("import time; time.sleep(600)"), bridge) as program:
+        pass
+    assert program.status == -signal.SIGTERM
 
 
 def test_words_are_filled_in() -> None:
-    ended = threading.Event()
+    bridge = Quiet()
     code = "import sys; sys.exit(sys.argv[1:] != ['5760', 'a{b}5760'])"
-    with Program([*python(code), "{port}", "a{b}{port}"], {"port": "5760"}, ended=ended.set) as program:
-        assert ended.wait(DEADLINE)
+    with Program([*python(code), "{port}", "a{b}{port}"], bridge) as program:
+        assert bridge.wait(DEADLINE)
         assert program.status == 0
 
 
 def test_a_program_that_is_not_there() -> None:
     with pytest.raises(EnvironmentFaultError, match="cannot be started"):
-        Program(["no-such-program"], {}, ended=lambda: None)
+        Program(["no-such-program"], Quiet())
 
 
 def test_this_process_ends_as_the_program_did() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus_bridges.mavlink.filters import FILTER_NAMES, Filter, filter_of
+from riot_bus_bridges.mavlink.url import FILTER_NAMES, Filter, filter_of
 
 SMALL = st.integers(0, 3)
 LISTS = st.frozensets(SMALL, max_size=3)

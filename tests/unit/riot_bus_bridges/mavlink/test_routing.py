@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus_bridges.mavlink.filters import Filter
 from riot_bus_bridges.mavlink.routing import Duplicates, Peer, Routes, addressed
+from riot_bus_bridges.mavlink.url import Filter
 from tests.unit.riot_bus_bridges.mavlink.frames import COMMON, frame_of, unknown_frame
 
 STEPS = st.lists(st.tuples(st.integers(0, 12), st.sampled_from([b"a", b"b", b"c"])), max_size=40)

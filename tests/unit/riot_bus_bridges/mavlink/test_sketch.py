@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from riot_bus.system.system_file import SystemFile
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-from riot_bus_bridges.mavlink.sketch import sketch, sketch_json, sketch_toml
-from riot_bus_bridges.mavlink.survey import LinkSurvey
+from riot_bus_bridges.mavlink.sketch import LinkSurvey, sketch, sketch_json, sketch_toml
 from riot_bus_bridges.mavlink.url import parse_links
 from tests.unit.riot_bus_bridges.mavlink.frames import COMMON, frame_of
 

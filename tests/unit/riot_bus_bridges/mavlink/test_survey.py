@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-from riot_bus_bridges.mavlink.survey import LinkSurvey, listen
+from riot_bus_bridges.mavlink.sketch import LinkSurvey, listen
 from riot_bus_mavlink.tlog import tlog_record
 from tests.unit.riot_bus_bridges.mavlink.frames import COMMON, frame_of, unknown_frame
 

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_bridges.mavlink.filters import Filter
-from riot_bus_bridges.mavlink.url import Direction, LinkKind, parse_link, parse_links
+from riot_bus_bridges.mavlink.url import Direction, Filter, LinkKind, parse_link, parse_links
 
 SERVER, CLIENT = LinkKind.UDP_SERVER, LinkKind.UDP_CLIENT
 

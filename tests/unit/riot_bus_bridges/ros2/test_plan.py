@@ -3,9 +3,8 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus_bridges.ros2.graph import DomainEndpoint, DomainGraph
 from riot_bus_bridges.ros2.options import Names, Ros2BridgeOptions
-from riot_bus_bridges.ros2.plan import DomainAnnouncement, plan_of
+from riot_bus_bridges.ros2.plan import DomainAnnouncement, DomainEndpoint, DomainGraph, plan_of
 from riot_bus_ros2.keys import DataKey
 from riot_bus_ros2.qos import FOREVER, RosQos
 from riot_bus_ros2.tokens import Node, NodeEndpoint

@@ -1,4 +1,4 @@
-from riot_bus_bridges.ros2.text import summary_lines
+from riot_bus_bridges.ros2.bridge import summary_lines
 
 
 def test_what_crossed_is_a_table():

@@ -16,8 +16,8 @@ import zenoh
 from riot_bus.processes.placement import HOOK, StartedProcesses
 from riot_bus.processes.placement_hook import sitecustomize
 from riot_bus_bridges.ros_test import hook
-from riot_bus_bridges.ros_test import placement as placements
-from riot_bus_bridges.ros_test.placement import Placement
+from riot_bus_bridges.ros_test import segments as placements
+from riot_bus_bridges.ros_test.segments import Placement
 
 SAYS = "import os; print(os.environ.get('WHERE'), os.environ.get('OWN'))"
 

@@ -9,7 +9,7 @@ import pytest
 
 from riot_bus.processes.placement import HOOK, StartedProcesses
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_bridges.ros_test.placement import (
+from riot_bus_bridges.ros_test.segments import (
     Placement,
     is_colcon_test,
     leave_account,

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from riot_bus.backchain.graph import ComponentTopics, TopicGraph
-from riot_bus_fleet.evidence.topic_paths import loops, tree_once
+from riot_bus_fleet.evidence.recorded_graph import loops, tree_once
 from tests.unit.backchain.recordings import text_of
 
 

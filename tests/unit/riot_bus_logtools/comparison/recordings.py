@@ -12,7 +12,7 @@ from riot_bus_logtools.comparison.compare import Wishes, compare
 from riot_bus_logtools.comparison.parts import TopicDifference
 from riot_bus_logtools.comparison.recording import Recording
 from riot_bus_logtools.comparison.result import LogDifference
-from riot_bus_logtools.comparison.tolerances import TopicTolerances
+from riot_bus_logtools.comparison.tolerances import tolerances_of
 
 BEGIN, MS = 10**18, 10**6
 
@@ -42,9 +42,7 @@ def recording(messages: Iterable[Message], name: str = "log") -> Recording:
 
 def told(a: Sequence[Message], b: Sequence[Message], *tolerances: str, **wishes: Any) -> LogDifference:
     """What is told of two recordings."""
-    return compare(
-        recording(a, "a"), recording(b, "b"), Wishes(tolerances=TopicTolerances.of_options(tolerances), **wishes)
-    )
+    return compare(recording(a, "a"), recording(b, "b"), Wishes(tolerances=tolerances_of(tolerances), **wishes))
 
 
 def of_topic(a: Sequence[Any], b: Sequence[Any], *tolerances: str, **wishes: Any) -> TopicDifference:

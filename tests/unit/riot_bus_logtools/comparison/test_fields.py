@@ -10,7 +10,7 @@ from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.message import Message
 from riot_bus_logtools.comparison import fields
 from riot_bus_logtools.comparison.fields import ATTACHMENT, KIND, MOST_ELEMENTS, PAYLOAD, Shapes, differing
-from riot_bus_logtools.comparison.tolerances import TopicTolerances
+from riot_bus_logtools.comparison.tolerances import tolerances_of
 from tests.unit.riot_bus_logtools.comparison.recordings import said
 
 REGISTRY = TypeRegistry(
@@ -19,7 +19,7 @@ REGISTRY = TypeRegistry(
 
 
 def rules(*texts: str):
-    return TopicTolerances.of_options(texts).of_topic(lambda text: True)
+    return tolerances_of(texts).of_topic(lambda text: True)
 
 
 def changes(a, b, *texts: str):

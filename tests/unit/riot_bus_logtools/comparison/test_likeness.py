@@ -8,12 +8,12 @@ import pytest
 from riot_bus.types.registry import TypeRegistry
 from riot_bus_logtools.comparison.fields import Shapes
 from riot_bus_logtools.comparison.likeness import MOST_FIELDS, Likeness, as_numbers, most_varied
-from riot_bus_logtools.comparison.tolerances import EXACT, TopicTolerances
+from riot_bus_logtools.comparison.tolerances import EXACT, tolerances_of
 from tests.unit.riot_bus_logtools.comparison.recordings import said
 
 
 def readings(rows, *texts: str):
-    shapes = Shapes(TopicTolerances.of_options(texts).of_topic(lambda text: True))
+    shapes = Shapes(tolerances_of(texts).of_topic(lambda text: True))
     registry = TypeRegistry()
     return [shapes.read(message, registry) for message in said(*rows)]
 

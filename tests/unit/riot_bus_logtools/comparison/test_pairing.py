@@ -7,13 +7,13 @@ from riot_bus_logtools.comparison import band, pairing
 from riot_bus_logtools.comparison.anchors import Gap, anchored
 from riot_bus_logtools.comparison.fields import Shapes, differing
 from riot_bus_logtools.comparison.pairing import Half, paired
-from riot_bus_logtools.comparison.tolerances import TopicTolerances
+from riot_bus_logtools.comparison.tolerances import tolerances_of
 from tests.unit.riot_bus_logtools.comparison.recordings import said
 
 
 def pairs_of(rows_a, rows_b, *texts: str):
     """What belongs together of two topics with these rows."""
-    rules = TopicTolerances.of_options(texts).of_topic(lambda text: True)
+    rules = tolerances_of(texts).of_topic(lambda text: True)
     shapes, registry = Shapes(rules), TypeRegistry()
     a, b = ([shapes.read(message, registry) for message in said(*rows)] for rows in (rows_a, rows_b))
     hashes = [[each.message.payload for each in some] for some in (a, b)]

@@ -13,14 +13,12 @@ from riot_bus_logtools.comparison.tolerances import (
     IGNORED,
     TIME,
     Tolerance,
-    TopicTolerances,
-    read_tolerances,
     tolerances_of,
 )
 
 
 def of(topic: str, *texts: str):
-    return TopicTolerances.of_options(texts).of_topic(lambda text: key_matches(text, topic))
+    return tolerances_of(texts).of_topic(lambda text: key_matches(text, topic))
 
 
 @pytest.mark.parametrize(
@@ -80,7 +78,7 @@ def test_messages_of_a_topic_and_whole_topics():
 
 
 def test_which_name_no_topic():
-    found = TopicTolerances.of_options(["a:x=1", "b=2"])
+    found = tolerances_of(["a:x=1", "b=2"])
     assert found.unused(lambda text: text == "a") == ["b"]
 
 
@@ -94,7 +92,7 @@ def test_ros_keys_have_colons_too():
 )
 def test_what_says_no_tolerance(text):
     with pytest.raises(ConfigError, match="tolerance") as error:
-        TopicTolerances.of_options([text])
+        tolerances_of([text])
     assert error.value.where == "--tolerance"
     assert "1%" in str(error.value.hint)
 
@@ -125,13 +123,13 @@ def test_files_that_are_none(tmp_path: Path, text: str, problem: str):
     file = tmp_path / "t.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match=problem) as error:
-        read_tolerances(file)
+        tolerances_of((), [file])
     assert error.value.where == str(file)
 
 
 def test_a_file_that_is_not_there_or_no_text(tmp_path: Path):
     with pytest.raises(ConfigError, match="cannot read"):
-        read_tolerances(tmp_path / "none.toml")
+        tolerances_of((), [tmp_path / "none.toml"])
     (tmp_path / "t.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match="not a TOML file"):
-        read_tolerances(tmp_path / "t.toml")
+        tolerances_of((), [tmp_path / "t.toml"])

@@ -130,7 +130,7 @@ def test_ros_messages():
 
 
 def test_memory_for_messages_that_are_looked_into_is_bounded(monkeypatch):
-    from riot_bus_logtools.comparison import topics
+    from riot_bus_logtools.comparison import compare as topics
 
     monkeypatch.setattr(topics, "_IN_MEMORY", 10)
     found = of_topic(ROWS, [{**row, "x": row["x"] + 1} for row in ROWS])

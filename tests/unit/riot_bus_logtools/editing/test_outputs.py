@@ -7,7 +7,7 @@ import pytest
 
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_logtools.editing.options import EditOptions
-from riot_bus_logtools.editing.outputs import Outputs
+from riot_bus_logtools.editing.output_set import Outputs
 
 
 def outputs(output: Path, **more: Any) -> Outputs:

@@ -3,8 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.log.engine.blocks import heads_of, message_bytes
-from riot_bus_logtools.editing.batch import Batch, gathered, shifted
-from riot_bus_logtools.editing.sorting import Sorter
+from riot_bus_logtools.editing.batch import Batch, Sorter, gathered, shifted
 
 
 def batch(times, label=0):

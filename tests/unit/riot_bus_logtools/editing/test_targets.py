@@ -8,7 +8,7 @@ from mcap.records import Channel, Schema
 from riot_bus.log import layout
 from riot_bus.log.reader import channel_source
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_logtools.editing.targets import Targets, new_identity
+from riot_bus_logtools.editing.channel_edit import Targets, new_identity
 
 CHANNEL = Channel(id=3, topic="a", message_encoding="json", metadata={}, schema_id=2)
 SCHEMA = Schema(id=2, data=b"{}", encoding="jsonschema", name="n")

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from riot_bus_logtools.export.csv_file import CsvWriter
-from riot_bus_logtools.export.rows import Rows
+from riot_bus_logtools.export.csv_file import CsvWriter, Rows
 
 
 def rows(values: list[object], kind: object) -> Rows:

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from riot_bus_logtools.export.csv_file import Rows
 from riot_bus_logtools.export.parquet_file import ParquetTableWriter
-from riot_bus_logtools.export.rows import Rows
 
 parquet = pytest.importorskip("pyarrow.parquet")
 

@@ -1,6 +1,6 @@
 import pytest
 
-from riot_bus_logtools.export.rows import text_of
+from riot_bus_logtools.export.csv_file import text_of
 
 
 @pytest.mark.parametrize(
