@@ -10,7 +10,7 @@ from riot_bus.log.engine.blocks import heads_of, message_bytes
 from riot_bus.types.capabilities import Offer
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_logtools.editing.batch import Batch
-from riot_bus_logtools.editing.latched import LatchedMessages
+from riot_bus_logtools.editing.edit import LatchedMessages
 
 START = 100
 DEPTHS = {"map": 1, "path": 2, "scan": None, "odd": 0}
