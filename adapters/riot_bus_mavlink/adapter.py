@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from riot_bus.types.capabilities import ParameterRequest
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean, require_package
+from riot_bus.vocabulary.message import Message
+from riot_bus_mavlink.definitions import MessageTable
 from riot_bus_mavlink.dialect import DEFAULT, Dialect, load_dialect
 from riot_bus_mavlink.frame import checksum_fits, parse_frame
 from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate
@@ -17,13 +20,6 @@ from riot_bus_mavlink.parameters import set_parameters
 from riot_bus_mavlink.schema_text import ENCODING, parse_schema
 from riot_bus_mavlink.signing import Signer, read_key
 from riot_bus_mavlink.tlog import TlogUnpacker, tlog_record
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from riot_bus.types.capabilities import ParameterRequest
-    from riot_bus.vocabulary.message import Message
-    from riot_bus_mavlink.definitions import MessageTable
 
 _OPTIONS = ("dialect", "key_file", "template")
 _COMPONENT = re.compile(r"([1-9][0-9]{0,2})/([1-9][0-9]{0,2})", re.ASCII)

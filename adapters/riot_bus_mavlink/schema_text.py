@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
 
 from riot_bus.types.model import Schema
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_mavlink.xml_files import parse_dialect
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from riot_bus_mavlink.definitions import EnumTable, MessageTable
-    from riot_bus_mavlink.xml_files import DialectFile
+from riot_bus_mavlink.definitions import EnumTable, MessageTable
+from riot_bus_mavlink.xml_files import DialectFile, parse_dialect
 
 ENCODING = "mavlink"
 """The encoding of payloads (one frame each) and of schemas in MCAP."""

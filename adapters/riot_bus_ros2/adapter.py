@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from riot_bus.types.capabilities import (
+    Announcement,
+    Ask,
+    Offer,
+    ParameterRequest,
+    RecordedTopic,
+    SimClock,
+    Stamp,
+)
 from riot_bus.types.model import MessageType, Schema, TopicName
 from riot_bus.types.serve import REPLY, REQUEST, part_of
 from riot_bus.vocabulary.errors import require_package
@@ -30,19 +39,6 @@ from riot_bus_ros2.parameters import set_parameters
 from riot_bus_ros2.sources import HUMBLE, from_distribution
 from riot_bus_ros2.store import TypeStore
 from riot_bus_ros2.tokens import TOKENS, details_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from riot_bus.types.capabilities import (
-        Announcement,
-        Ask,
-        Offer,
-        ParameterRequest,
-        RecordedTopic,
-        SimClock,
-        Stamp,
-    )
 
 _CALL_TYPES = {REQUEST: "_Request", REPLY: "_Response"}
 _MOST_PARSED = 1 << 21

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from riot_bus.types.capabilities import Announcement
+from riot_bus.types.capabilities import Announcement, Role
 from riot_bus_ros2 import ros2dds
 from riot_bus_ros2.keys import action_of, action_type
 from riot_bus_ros2.tokens import Node, parse_token
-
-if TYPE_CHECKING:
-    from riot_bus.types.capabilities import Role
 
 EXPRESSIONS = ("**/@ros2_lv/**", ros2dds.TOKENS)
 """Key expressions of all tokens, also of sessions with a Zenoh namespace; no `**` matches what begins with `@`."""

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import islice
-from typing import TYPE_CHECKING
 
 from riot_bus.types.capabilities import MOST_PARTS, MessagePart
 from riot_bus.types.fields import MOST_FIELDS, FieldType
 from riot_bus.types.model import member_path
 from riot_bus_ros2.cdr_layout import PRIMITIVES, Array, Node, Opaque, Struct, Text
 from riot_bus_ros2.common_fields import UNITS
+from riot_bus_ros2.definitions import Field
 from riot_bus_ros2.hashes import PLACEHOLDER
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
-    from riot_bus_ros2.definitions import Field
 
 _MOST_NAMED = 1000  # fields and constants of a message whose values get names: each field is compared with all of these
 _DEEPEST = 64  # types of Jazzy are nested up to 6 deep; ends those that contain themselves

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from riot_bus.types.model import FieldPath
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 from riot_bus_ros2.cdr_layout import (
     ORIGIN,
     Array,
+    Data,
     Node,
     Number,
     Opaque,
+    Step,
     Struct,
     Table,
     Text,
+    Unpack,
     Varying,
     joined,
     length_of,
@@ -23,12 +27,6 @@ from riot_bus_ros2.cdr_layout import (
     skip_elements,
     then,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.types.model import FieldPath
-    from riot_bus_ros2.cdr_layout import Data, Step, Unpack
 
 _FEW_PARTS = 64  # grows with the square: 64 parts keep 2,000 moves, 1,000 would keep 500,000
 

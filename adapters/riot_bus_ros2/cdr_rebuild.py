@@ -7,29 +7,26 @@ or a boolean of 7, stay unchanged, and so do bytes after the end.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
 
 from riot_bus.types.model import REBUILD, check_size, parse_path, wanted_length
 from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.message import Scalar
 from riot_bus_ros2.cdr_layout import (
     COUNT_LE,
     NOTHING,
     ORIGIN,
     Array,
+    Data,
     Node,
     Number,
     Opaque,
     Struct,
     Text,
+    Unpack,
     length_of,
     skip_elements,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from riot_bus.vocabulary.message import Scalar
-    from riot_bus_ros2.cdr_layout import Data, Unpack
 
 
 def rebuild(root: Struct, count: Unpack, patch: Callable[[bytes, Mapping[str, Scalar]], bytes],

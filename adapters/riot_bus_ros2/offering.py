@@ -8,11 +8,11 @@ from __future__ import annotations
 import os
 import re
 import struct
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
-from riot_bus.types.capabilities import Identity, Offer, SimClock
+from riot_bus.types.capabilities import Identity, Offer, RecordedTopic, SimClock
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
 from riot_bus_ros2.definitions import normal_name
@@ -20,11 +20,6 @@ from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.keys import DataKey, build_data_key, is_topic, parse_data_key
 from riot_bus_ros2.qos import BEST_EFFORT, USUAL_DEPTH, RosQos, parse_offered
 from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from riot_bus.types.capabilities import RecordedTopic
 
 NODE = "riot_play"
 """Name of the ROS node that a player appears as."""

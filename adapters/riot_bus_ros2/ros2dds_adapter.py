@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from riot_bus.types.capabilities import Identity, Offer, SimClock
-from riot_bus.types.model import Schema, TopicName
+from riot_bus.types.capabilities import Announcement, Identity, Offer, RecordedTopic, SimClock, Stamp
+from riot_bus.types.model import MessageType, Schema, TopicName
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2 import ros2dds
 from riot_bus_ros2.adapter import Ros2Adapter
@@ -16,12 +17,6 @@ from riot_bus_ros2.offering import CLOCK_TOPIC, CLOCK_TYPE, clock_payload, full_
 from riot_bus_ros2.qos import BEST_EFFORT, RosQos, parse_offered
 from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken, request_attachment
 from riot_bus_ros2.tokens import profiles_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from riot_bus.types.capabilities import Announcement, RecordedTopic, Stamp
-    from riot_bus.types.model import MessageType
 
 _MOST_TYPES = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens, so this bounds memory
 

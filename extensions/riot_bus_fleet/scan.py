@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,10 @@ from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.elements import quantity_of
 from riot_bus.vocabulary.errors import RiotError
 from riot_bus.vocabulary.order import order_of
+from riot_bus.vocabulary.trial import Progress
+from riot_bus_fleet.logs.entry import LogEntry
 from riot_bus_fleet.logs.near_misses import BINS, FleetScan, LogScan, NearMiss
 from riot_bus_fleet.logs.stores import copied
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.trial import Progress
-    from riot_bus_fleet.logs.entry import LogEntry
 
 
 class ScanRule:

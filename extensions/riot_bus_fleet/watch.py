@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
 
 from riot_bus.chain.unit.prediction import column_of
 from riot_bus.control.signals import ended_by_signals
 from riot_bus.types.latest import LatestFields
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
 from riot_bus_fleet.logs.near_misses import NearMiss
 from riot_bus_fleet.scan import ScanRule
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
-
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
 
 _NEARER, _LEFT = 0.5, 2.0
 """Within one approach, the next warning comes at half the distance; the approach ends at twice the warning distance."""

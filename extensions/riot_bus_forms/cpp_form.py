@@ -5,17 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.generalize.forms.repair import unit_of, where_it_changes, why_not_repairable
 from riot_bus.generalize.forms.standalone import FLOATS, INTEGERS
 from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
 from riot_bus.generalize.forms.words import comparison, identifiers, is_float, is_misfit, line
+from riot_bus.generalize.literals import Literal
 from riot_bus.vocabulary.elements import is_counted
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from riot_bus.generalize.literals import Literal
 
 OPERATIONS: Mapping[str, str | None] = {
     "negative": "-{0}",

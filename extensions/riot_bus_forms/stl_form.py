@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
 from riot_bus.generalize.forms.words import comparison, identifiers, is_float, is_misfit
+from riot_bus.generalize.literals import Literal
 from riot_bus.vocabulary.order import order_of
-
-if TYPE_CHECKING:
-    from riot_bus.generalize.literals import Literal
 
 OPERATIONS: Mapping[str, str | None] = {
     "negative": "(0 - {0})",

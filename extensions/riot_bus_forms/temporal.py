@@ -6,23 +6,19 @@ import math
 import re
 import sys
 from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from pydantic import Field
 
-from riot_bus.monitors.model import why_no_message
+from riot_bus.monitors.model import TrialView, why_no_message
 from riot_bus.monitors.selection import field_selector, selected, why_unseen
 from riot_bus.types.elements import read_field
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadError, did_you_mean
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Violation
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from riot_bus.monitors.model import TrialView
-    from riot_bus.vocabulary.message import Message, Scalar
 
 _MOST_CHANGES = 10_000  # of all signals: rtamt's time grows with their number times that of operators
 _MOST = sys.float_info.max  # the difference of infinite signals would be NaN

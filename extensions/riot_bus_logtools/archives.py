@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.given_files import given_file
 from riot_bus.log.loss import Loss
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.new_file import new_file
-from riot_bus.types.capabilities import ConvertsFiles
+from riot_bus.types.capabilities import ConvertsFiles, Unpacker
+from riot_bus.types.model import Adapter
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean, install_hint
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from riot_bus.types.capabilities import Unpacker
-    from riot_bus.types.model import Adapter
-    from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import Message
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 from riot_bus.given_files import given_bytes
+from riot_bus.types.model import Schema
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, require_package
 from riot_bus_protobuf.kind import ProtobufType
 from riot_bus_protobuf.layout import Definitions, load_set
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-    from typing import Any
-
-    from riot_bus.types.model import Schema
 
 _HINT = "write it with `protoc --include_imports --include_source_info --descriptor_set_out=FILE`"
 

@@ -12,9 +12,10 @@ Needs pytest and Hypothesis: the extra `testing`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import pytest
 from hypothesis import given
@@ -38,17 +39,12 @@ from riot_bus.types.capabilities import (
     Stamp,
     TakesFiles,
 )
-from riot_bus.types.model import MessageType, Schema, TopicName, TypeSource
+from riot_bus.types.model import Adapter, MessageType, Schema, TopicName, TypeSource
 from riot_bus.types.serve import PARTS
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.selector import key_matches
 from riot_bus_testkit.types import SETTINGS, hostile
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from riot_bus.types.model import Adapter
 
 _OF_ADAPTERS = (
     TakesFiles,

@@ -10,17 +10,13 @@ Needs pytest: the extra `testing`.
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Iterable, Mapping
+from typing import Any, Self
 
-from riot_bus.pipeline.runner import Pipeline
+from riot_bus.pipeline.runner import Emission, Pipeline, Result
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 from riot_bus_testkit.plugin import ODD_PAYLOADS, PluginConformance
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from riot_bus.pipeline.runner import Emission, Result
 
 START = 1_700_000_000_000_000_000
 """Time zero of a bench, in nanoseconds since the epoch."""

@@ -10,24 +10,18 @@ from __future__ import annotations
 
 import json
 import unicodedata
+from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import pytest
 
 from riot_bus.findings.steps import STEPS
-from riot_bus.report.campaign_view import load_campaign
-from riot_bus.report.finding_view import load
-from riot_bus.report.formats import render
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from riot_bus.report.campaign_view import CampaignView
-    from riot_bus.report.finding_view import FindingView
-    from riot_bus.report.formats import CampaignFormat, ReportFormat
+from riot_bus.report.campaign_view import CampaignView, load_campaign
+from riot_bus.report.finding_view import FindingView, load
+from riot_bus.report.formats import CampaignFormat, ReportFormat, render
 
 _X, _GOAL, _SPEED = "/map:x", "/goal:pose.x", "/odom:speed"
 # made up, as all values of this finding; its interval contains its value

@@ -10,22 +10,17 @@ from __future__ import annotations
 
 import inspect
 import json
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
 
 from riot_bus.chain.base.workspace import Workspace
 from riot_bus.findings.records import Artefact, FindingRecord, MinimalRecord
-from riot_bus.findings.steps import STEPS, find_step
+from riot_bus.findings.steps import STEPS, ChainStep, find_step
 from riot_bus.log.writer import LogWriter
 from riot_bus.trial.baseline import UNKNOWN, Baseline
 from riot_bus.vocabulary.message import Message
-from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.findings.steps import ChainStep
-    from riot_bus.vocabulary.trial import TestCase
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 
 _SYSTEM = """
 [components.unit]

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import more_nominal, repeat_in_order
 from riot_bus.campaign.covering import Covering, is_hang
 from riot_bus.campaign.effects import Effects
+from riot_bus.campaign.novelty import Novelties
+from riot_bus.campaign.schedule import Schedule
+from riot_bus.campaign.stretches import Stretches
 from riot_bus.campaign.triage import Failure, group, plainer
+from riot_bus.campaign.variations import Placed, Variation
 from riot_bus.monitors.liveness import is_compared
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from riot_bus.campaign.novelty import Novelties
-    from riot_bus.campaign.schedule import Schedule
-    from riot_bus.campaign.stretches import Stretches
-    from riot_bus.campaign.variations import Placed, Variation
-    from riot_bus.vocabulary.injection import Injection
-    from riot_bus.vocabulary.message import Message
 
 _ROUND = 8
 """Trials that are chosen together, so that one worker runs the same trials as eight."""

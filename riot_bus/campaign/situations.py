@@ -5,18 +5,15 @@ from __future__ import annotations
 import json
 import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from riot_bus.campaign.schedule import positions_of
 from riot_bus.inject.modes import MOST_MODES, modes_of
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message, Scalar
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message, Scalar
 
 _SAMPLES = 400
 """Messages of a topic that are read, evenly spaced: a second at most for large ones; short situations are missed."""

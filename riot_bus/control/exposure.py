@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 from riot_bus.config.endpoints import ENCRYPTED, Endpoint
+from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.config_files import USERS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 
 
 def exposure_warnings(settings: RouterSettings) -> list[str]:

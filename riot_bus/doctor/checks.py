@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from riot_bus.doctor.host import (
     PortState,
@@ -17,12 +18,7 @@ from riot_bus.doctor.host import (
     versions,
 )
 from riot_bus.vocabulary.redaction import redacted
-from riot_bus.zenoh.scouting import THIS_HOST, scout
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
-
-    from riot_bus.zenoh.scouting import Answer, Scouting
+from riot_bus.zenoh.scouting import THIS_HOST, Answer, Scouting, scout
 
 Status = Literal["ok", "warning", "problem"]
 

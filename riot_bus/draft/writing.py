@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import shlex
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from riot_bus.draft.graph_draft import encoding_of, size_of
-from riot_bus.draft.model import INSIDE, OUTSIDE
+from riot_bus.draft.model import INSIDE, OUTSIDE, DraftComponent, SystemDraft, TopicDraft, Used
 from riot_bus.vocabulary.redaction import escape_control_chars as comment
 from riot_bus.vocabulary.text_table import table_lines
 from riot_bus.vocabulary.toml_text import toml_string, toml_value
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-
-    from riot_bus.draft.model import DraftComponent, SystemDraft, TopicDraft, Used
 
 _MARK = "FILL IN"
 

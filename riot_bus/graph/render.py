@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 from riot_bus.graph.folding import folded, names
-from riot_bus.graph.model import CALL_ROLES
+from riot_bus.graph.model import CALL_ROLES, Edge, Graph
 from riot_bus.vocabulary.redaction import escape_control_chars as _plain
 from riot_bus.vocabulary.text_table import table_lines
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from riot_bus.graph.model import Edge, Graph
 
 VERSION = 1
 """Version of the JSON format."""

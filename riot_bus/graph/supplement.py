@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from riot_bus.graph.build import build
 from riot_bus.graph.model import ConnectedComponent, Edge, Graph, Topic
 from riot_bus.graph.observations import Observations
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
-
-    from riot_bus.types.capabilities import Announcement
+from riot_bus.types.capabilities import Announcement
 
 _BY_MATCHING = frozenset({"matching", "only component"})
 

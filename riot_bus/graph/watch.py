@@ -6,18 +6,13 @@ import logging
 import math
 import threading
 import time
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable, Collection, Mapping
+from typing import Self
 
 from riot_bus.graph.build import build
-from riot_bus.graph.model import Graph
-from riot_bus.graph.observe import Observer
+from riot_bus.graph.model import Graph, GraphChange
+from riot_bus.graph.observe import Observer, WatchedBus
 from riot_bus.types.registry import TypeRegistry
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
-
-    from riot_bus.graph.model import GraphChange
-    from riot_bus.graph.observe import WatchedBus
 
 _LOG = logging.getLogger(__name__)
 _LEAST_S = 0.02

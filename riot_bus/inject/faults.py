@@ -8,23 +8,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cache, partial
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import Field
 
 from riot_bus.inject.formula import evaluate, parse_formula
-from riot_bus.pipeline.event import Change
+from riot_bus.pipeline.event import Change, Event
 from riot_bus.plugin_options import REQUIRED, options_of
 from riot_bus.plugins import FAULTS
-from riot_bus.types.capabilities import OmitsFields
+from riot_bus.types.capabilities import OmitsFields, StandIn
 from riot_bus.types.values import fit_value, set_field
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
-
-if TYPE_CHECKING:
-    from riot_bus.pipeline.event import Event
-    from riot_bus.types.capabilities import StandIn
-    from riot_bus.vocabulary.message import Scalar
+from riot_bus.vocabulary.message import Scalar
 
 ATTRIBUTES = ("field", "value", "delay", "copies")
 """Options that an `Injection` has attributes for."""

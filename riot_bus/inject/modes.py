@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from riot_bus.types.brittle import why_brittle
 from riot_bus.types.by_payload import ByPayload, decoded
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.types.model import MessageType
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message, Scalar
+from riot_bus.types.model import MessageType
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message, Scalar
 
 MOST_MODES = 6
 """Largest number of values of a mode; a field with more is more likely a count or a measurement."""

@@ -7,23 +7,20 @@ quotes of its own: `"'rgb8'"`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from riot_bus.inject.formula import evaluate, join_path, parse_formula
+from riot_bus.types.model import MessageType
 from riot_bus.types.values import fit_value, set_field
 from riot_bus.vocabulary.errors import located
 from riot_bus.vocabulary.injection import Formula
+from riot_bus.vocabulary.message import Scalar
 from riot_bus.vocabulary.selector import parse_selector
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from riot_bus.types.model import MessageType
-    from riot_bus.vocabulary.message import Scalar
 
 _STRICT = ConfigDict(extra="forbid", strict=True, use_attribute_docstrings=True)
 

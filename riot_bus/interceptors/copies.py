@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from riot_bus.interceptors.timing import check_seconds
+from riot_bus.pipeline.event import Event
 from riot_bus.types.serve import part_of
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
-
-if TYPE_CHECKING:
-    from riot_bus.pipeline.event import Event
 
 _PUBLISHED = "write a key that ends otherwise, such as copy/{key}/seen"
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from riot_bus.interceptors.per_topic import PerTopic
-from riot_bus.pipeline.event import Change
+from riot_bus.pipeline.event import Change, Event
 from riot_bus.types.values import fit_value
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
-
-if TYPE_CHECKING:
-    from riot_bus.pipeline.event import Event
 
 _UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 _FROZEN_BYTES = 1 << 28

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from riot_bus.interceptors.per_topic import PerTopic
+from riot_bus.pipeline.event import Event
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from riot_bus.pipeline.event import Event
 
 
 @dataclass

@@ -5,37 +5,32 @@ from __future__ import annotations
 import os
 import weakref
 from bisect import bisect_left
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
+
+from mcap.records import Channel
+from mcap.records import Schema as SchemaRecord
 
 from riot_bus.given_files import given_file
 from riot_bus.log import layout
-from riot_bus.log.engine.blocks import MESSAGE_HEAD, Block, Records, claimed_size, read_block, records_of
+from riot_bus.log.engine.blocks import MESSAGE_HEAD, Block, Records, Span, claimed_size, read_block, records_of
 from riot_bus.log.engine.limits import LogLimits
 from riot_bus.log.engine.salvage import salvage
 from riot_bus.log.engine.scan import MessageEntry, Scan, define, load_block, read_attachment, read_metadata, scan_file
 from riot_bus.log.engine.sorting import OverlapSorter
 from riot_bus.log.layout import Constants, Provenance, Role
 from riot_bus.log.limits import lifted
-from riot_bus.log.loss import LossNotes
+from riot_bus.log.loss import Loss, LossNotes
 from riot_bus.types.capabilities import RecordedTopic
 from riot_bus.types.model import Schema
 from riot_bus.types.serve import Request
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.selector import key_matches
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from mcap.records import Channel
-    from mcap.records import Schema as SchemaRecord
-
-    from riot_bus.log.engine.blocks import Span
-    from riot_bus.log.loss import Loss
 
 
 @dataclass(frozen=True, slots=True)

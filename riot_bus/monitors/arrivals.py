@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 
 from riot_bus.monitors.forging import with_message, without
-from riot_bus.monitors.model import why_no_message
+from riot_bus.monitors.model import TrialView, why_no_message
 from riot_bus.monitors.selection import WithSelectors, message_selector, selected, why_unseen
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.selector import Selector
 from riot_bus.vocabulary.trial import Violation
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.monitors.model import TrialView
 
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 _Ratio = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import islice, product
-from typing import TYPE_CHECKING
 
-from riot_bus.monitors.model import Forges, names_of, why_no_message, why_nothing_to_judge
+from riot_bus.monitors.model import Forges, Monitor, TrialView, names_of, why_no_message, why_nothing_to_judge
 from riot_bus.monitors.selection import selected
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import Selector
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from riot_bus.monitors.model import Monitor, TrialView
-    from riot_bus.vocabulary.message import Scalar
 
 _MOST_TRIED = 4096  # each rebuilds a payload; choices for fields multiply, and `modulo` may be large
 

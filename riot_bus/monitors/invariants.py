@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 
 from riot_bus.monitors.forging import with_value
+from riot_bus.monitors.model import TrialView
 from riot_bus.monitors.selection import WithSelectors, field_selector, integers, numbers, why_unseen
+from riot_bus.vocabulary.message import Scalar
 from riot_bus.vocabulary.trial import Violation
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.monitors.model import TrialView
-    from riot_bus.vocabulary.message import Scalar
 
 _Bound = Annotated[float, Field(allow_inf_nan=False)]
 

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
+from riot_bus.monitors.model import TrialView
 from riot_bus.monitors.selection import selected
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.selector import Selector
 from riot_bus.vocabulary.trial import Violation
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from riot_bus.monitors.model import TrialView
 
 _LEVELS: Final = {"warn": 30, "error": 40, "fatal": 50}  # as in rcl_interfaces/msg/Log
 _WORDS: Final = {

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
 
 from riot_bus.config.arguments import parse_types
 from riot_bus.log.naming import parse_time
 from riot_bus.log.playback.ahead import AheadSource
 from riot_bus.log.playback.recall import RecallingSource
-from riot_bus.log.playback.sources import LogSource, MergedSource, PipedSource
+from riot_bus.log.playback.sources import LogSource, MergedSource, PipedSource, Source
 from riot_bus.log.reader import LogReader
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.play.topic_selection import cast
+from riot_bus.play.options import PlayOptions
+from riot_bus.play.topic_selection import TopicSelection, cast
 from riot_bus.router.interception import topics_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from riot_bus.log.playback.sources import Source
-    from riot_bus.play.options import PlayOptions
-    from riot_bus.play.topic_selection import TopicSelection
-    from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import Message
 
 
 class PlaybackPlan:

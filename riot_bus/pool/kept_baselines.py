@@ -6,23 +6,18 @@ import hashlib
 import json
 import logging
 import re
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
 from riot_bus.new_file import write_whole
 from riot_bus.pool.wire import pack_baseline, read_baseline
-from riot_bus.trial.baseline import probe_of
+from riot_bus.trial.baseline import Baseline, probe_of
 from riot_bus.trial.hangs import KnownHangs
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from riot_bus.trial.baseline import Baseline
-    from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import Message
 
 _HANGS: TypeAdapter[tuple[str, KnownHangs]] = TypeAdapter(tuple[str, KnownHangs])
 _LOG = logging.getLogger(__name__)

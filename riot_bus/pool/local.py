@@ -18,27 +18,22 @@ import sys
 import tempfile
 import threading
 from collections import deque
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, Pipe, wait
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import Protocol, Self
 
-from riot_bus.pool.wire import MOST_KNOWN, TrialBatch, read_answer, remember
+from riot_bus.pool.wire import MOST_KNOWN, Trial, TrialAnswer, TrialBatch, read_answer, remember
 from riot_bus.processes.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.trial.hangs import KnownHangs
 from riot_bus.trial.running_system import FOLDER_PREFIX
 from riot_bus.trial.setup import TrialPlace
-from riot_bus.vocabulary.trial import Outcome, Verdict
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 from riot_bus.zenoh.session import environment_of_others
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from riot_bus.pool.wire import Trial, TrialAnswer
-    from riot_bus.vocabulary.trial import TestCase
 
 _LOG = logging.getLogger(__name__)
 _DEATHS = 3

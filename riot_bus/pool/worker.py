@@ -13,15 +13,15 @@ import sys
 import threading
 import time
 import traceback
-from contextlib import suppress
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import cached_property
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.control.heap import calm_collector
-from riot_bus.pool.wire import TrialAnswer, TrialRequest, pack_answer, pack_failure
+from riot_bus.pool.wire import Trial, TrialAnswer, TrialRequest, pack_answer, pack_failure
 from riot_bus.processes.launcher import Launcher
 from riot_bus.processes.supervisor import IGNORED
 from riot_bus.trial.context import Context, open_system
@@ -30,14 +30,8 @@ from riot_bus.trial.network import KeptNetwork
 from riot_bus.trial.running_system import end_kept
 from riot_bus.trial.setup import TrialPlace
 from riot_bus.trial.system_trial import SystemTrial
+from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.session import prepare_runtime
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from contextlib import AbstractContextManager
-
-    from riot_bus.pool.wire import Trial
-    from riot_bus.vocabulary.message import Message
 
 
 class TrialWorker:

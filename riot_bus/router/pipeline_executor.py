@@ -6,18 +6,14 @@ import logging
 import sys
 import threading
 import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-from riot_bus.pipeline.runner import AbandonedError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from riot_bus.pipeline.event import Arrival, Event
-    from riot_bus.pipeline.runner import Pipeline, Result
-    from riot_bus.pipeline.stage import Stage
-    from riot_bus.vocabulary.message import Message
+from riot_bus.pipeline.event import Arrival, Event
+from riot_bus.pipeline.runner import AbandonedError, Pipeline, Result
+from riot_bus.pipeline.stage import Stage
+from riot_bus.vocabulary.message import Message
 
 _LOG = logging.getLogger(__name__)
 BUDGET_S = 1.0

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
 from riot_bus.chain.base.workspace import Workspace
 from riot_bus.chain.steps.robustness import test_unit as run_campaign
 from riot_bus.findings.records import CampaignRecord
 from riot_bus.findings.steps import find_step
+from riot_bus.pool.runners import RunnerFactory
 from riot_bus.report.text import summary
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from riot_bus.pool.runners import RunnerFactory
 
 EXPLAINED = ("minimize", "relevance", "rules")
 """Steps that find what a failure needs and when it occurs, with trials of the unit alone."""

@@ -7,26 +7,22 @@ recorded, and recording needs no subscriber that could be mistaken for a compone
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from riot_bus.control.segment_environment import export, segment_variables, write_session_files
 from riot_bus.interceptors.recorder import Recorder
-from riot_bus.processes.launcher import Launcher
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.processes.launcher import ComponentProcess, Launcher
 from riot_bus.router.bus import Bus
 from riot_bus.testing.capture import Capture
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import environment_of_others
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from riot_bus.pipeline.runner import Pipeline
-    from riot_bus.processes.launcher import ComponentProcess
-    from riot_bus.types.registry import TypeRegistry
 
 _EVERYTHING = ("**",)
 

@@ -6,15 +6,12 @@ import os
 import shutil
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.chain.base.systems import system_of
 from riot_bus.chain.base.workspace import NOMINAL, Workspace
 from riot_bus.chain.steps.reproduce import Reproduction, reproduce
 from riot_bus.findings.records import FindingRecord
-
-if TYPE_CHECKING:
-    from riot_bus.pool.runners import RunnerFactory
+from riot_bus.pool.runners import RunnerFactory
 
 
 def reproduce_finding(

@@ -21,15 +21,11 @@ import os
 import platform
 import threading
 import time
-from typing import TYPE_CHECKING, Required, TypedDict
+from collections.abc import Callable
+from typing import Required, TypedDict
 
-from riot_bus.processes.activity import STILL, Threads
+from riot_bus.processes.activity import STILL, Activity, Idle, Threads
 from riot_bus.vocabulary.errors import EnvironmentFaultError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from riot_bus.processes.activity import Activity, Idle
 
 POLL = 0.004
 """Seconds between looks at what takes some time."""

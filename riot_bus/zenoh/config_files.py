@@ -7,16 +7,14 @@ import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from riot_bus.config.endpoints import ENCRYPTED, Endpoint, parse_endpoint
+from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 from riot_bus.config.toml_file import place_of
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.config_keys import check_config, leaves, value_of, value_of_file
-
-if TYPE_CHECKING:
-    from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 
 TLS = "transport/link/tls"
 USERS = "transport/auth/usrpwd"

@@ -6,19 +6,13 @@ import threading
 import time
 from collections import deque
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import BinaryIO, Literal
 
 from riot_bus.given_files import given_file
 from riot_bus.vocabulary.errors import EnvironmentFaultError
-from riot_bus_bridges.links.link import Link, reason
-from riot_bus_mavlink.tlog import TlogReader, tlog_record
-
-if TYPE_CHECKING:
-    from typing import BinaryIO
-
-    from riot_bus_bridges.links.link import Host
-    from riot_bus_bridges.mavlink.url import LinkSpec
-    from riot_bus_mavlink.tlog import TlogRecord
+from riot_bus_bridges.links.link import Host, Link, reason
+from riot_bus_bridges.mavlink.url import LinkSpec
+from riot_bus_mavlink.tlog import TlogReader, TlogRecord, tlog_record
 
 
 class _LogLink(Link):

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
+from riot_bus_bridges.links.link import Host, Link
 from riot_bus_bridges.links.logs import TelemetryLogSink, TelemetryLogSource
 from riot_bus_bridges.links.stream import SerialLink
 from riot_bus_bridges.links.tcp import TcpClient, TcpServer
 from riot_bus_bridges.links.udp import UdpClient, UdpServer
-from riot_bus_bridges.mavlink.url import LinkKind
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from riot_bus_bridges.links.link import Host, Link
-    from riot_bus_bridges.mavlink.url import LinkSpec
+from riot_bus_bridges.mavlink.url import LinkKind, LinkSpec
 
 _LINKS: dict[LinkKind, Callable[[LinkSpec, Host], Link]] = {
     LinkKind.UDP_SERVER: UdpServer,

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import os
+import socket
 import threading
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, TypeAlias
 
 from riot_bus.vocabulary.errors import needs_extra
-from riot_bus_bridges.links.link import RetriedLink
+from riot_bus_bridges.links.end import End
+from riot_bus_bridges.links.link import Host, Link, RetriedLink
 from riot_bus_bridges.links.loop import READ, WRITE
-
-if TYPE_CHECKING:
-    import socket
-    from collections.abc import Callable, Sequence
-
-    from riot_bus_bridges.links.end import End
-    from riot_bus_bridges.links.link import Host, Link
-    from riot_bus_bridges.mavlink.url import LinkSpec
+from riot_bus_bridges.mavlink.url import LinkSpec
 
 _MOST_UNSENT = 1 << 18  # takes 23 s at 115200 baud: what would wait longer is better lost, and counted
 

@@ -5,15 +5,11 @@ from __future__ import annotations
 import errno
 import os
 import socket
-from typing import TYPE_CHECKING
 
-from riot_bus_bridges.links.link import Link, cannot_listen, look_up, place_of, text_of
+from riot_bus_bridges.links.link import Host, Link, Place, cannot_listen, look_up, place_of, text_of
 from riot_bus_bridges.links.loop import READ, WRITE
 from riot_bus_bridges.links.stream import Stream, StreamClient
-
-if TYPE_CHECKING:
-    from riot_bus_bridges.links.link import Host, Place
-    from riot_bus_bridges.mavlink.url import LinkSpec
+from riot_bus_bridges.mavlink.url import LinkSpec
 
 _MOST_CLIENTS = 64  # a guess: any host may connect; each takes a descriptor and is sent frames
 _PROBES = 4  # with the default of 30 s, one each 6 s: one lost probe ends nothing

@@ -9,19 +9,14 @@ import os
 import socket
 import struct
 import time
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from riot_bus_bridges.links.end import MOST_PENDING
-from riot_bus_bridges.links.link import Link, RetriedLink, cannot_listen, look_up, place_of, text_of
+from riot_bus_bridges.links.end import MOST_PENDING, End
+from riot_bus_bridges.links.link import Host, Link, Place, RetriedLink, cannot_listen, look_up, place_of, text_of
 from riot_bus_bridges.links.packets import Packets
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus_bridges.links.end import End
-    from riot_bus_bridges.links.link import Host, Place
-    from riot_bus_bridges.mavlink.url import LinkSpec
+from riot_bus_bridges.mavlink.url import LinkSpec
 
 _UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
 _STARTS = (0xFE, 0xFD)  # first bytes of frames, `V1` and `V2` in frame.py

@@ -7,16 +7,12 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter, OrderedDict
-from typing import TYPE_CHECKING, Generic, TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from typing import Generic, TypeVar
 
 from riot_bus_bridges.mavlink.sequences import MOST_IDS
 from riot_bus_bridges.mavlink.url import Filter
-from riot_bus_mavlink.frame import HEADER_SIZE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from riot_bus_mavlink.frame import Frame
+from riot_bus_mavlink.frame import HEADER_SIZE, Frame
 
 Addressed = tuple[int, int]
 """Target system and target component; 0 stands for all, and for messages without a target."""

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from riot_bus_mavlink.frame import HEADER_SIZE, seal
-from riot_bus_mavlink.signing import link_of, time_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from riot_bus_mavlink.frame import Frame
-    from riot_bus_mavlink.signing import Signer
-
+from riot_bus_mavlink.frame import HEADER_SIZE, Frame, seal
+from riot_bus_mavlink.signing import Signer, link_of, time_of
 
 MOST_IDS = 4096
 """Of what senders may make up (65,536 sources, 24-bit ids of messages): bounds memory and publishers; a guess."""

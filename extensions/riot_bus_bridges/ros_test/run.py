@@ -7,11 +7,11 @@ import signal
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from riot_bus.config.router_settings import SegmentSettings
+from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 from riot_bus.control.log_paths import claim, file_stem
 from riot_bus.control.router_flags import RouterOptions
 from riot_bus.control.router_options import settings_of
@@ -32,11 +32,6 @@ from riot_bus_bridges.ros_test.segments import (
     package_lines,
     router_per_package,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from riot_bus.config.router_settings import RouterSettings
 
 _RMW = "rmw_zenoh_cpp"
 _GRACE_S = END_S * 2 / 3

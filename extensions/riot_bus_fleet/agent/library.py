@@ -5,22 +5,18 @@ from __future__ import annotations
 import stat
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
 from riot_bus.given_files import leads_out
 from riot_bus.log.limits import tight_limits
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean
 from riot_bus_fleet.logs.catalogue import Catalogue
-from riot_bus_fleet.logs.entry import ENDING
+from riot_bus_fleet.logs.entry import ENDING, LogEntry
 from riot_bus_fleet.logs.index import index
 from riot_bus_fleet.logs.query import parse_query
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from riot_bus_fleet.logs.entry import LogEntry
 
 _MOST_FILES = 500
 _IDLE, _LONGEST_REST_S = 9, 20.0

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.backchain.graph import TopicGraph
 from riot_bus.chain.base.logs import internal_name
@@ -18,21 +18,16 @@ from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.log.tables.plan import log_registry
-from riot_bus.system.system_file import read_system
+from riot_bus.system.system_file import SystemFile, read_system
 from riot_bus.trial.context import types_of
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.selector import parse_selector
+from riot_bus.vocabulary.trial import Progress
 from riot_bus_fleet.evidence.backtrack import Backtracked, FieldEvidence, backtrack
 from riot_bus_fleet.evidence.log_columns import LogColumns, read_pieces
 from riot_bus_fleet.evidence.recorded_graph import RECORDED, RecordedComponents, joined
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from riot_bus.system.system_file import SystemFile
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.trial import Progress
 
 
 def backchain(

@@ -4,26 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import topic_types
 from riot_bus.log.tables.table import Column, Columns, column_parts
 from riot_bus.types.brittle import is_brittle
+from riot_bus.types.fields import FieldType
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.trial import Progress
 from riot_bus_fleet.evidence.alignment import Piece
 from riot_bus_fleet.scan import filled
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from riot_bus.types.fields import FieldType
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.trial import Progress
 
 _MEMORY = 1 << 29
 """Bytes that the numbers may take: of larger logs, only stretches are read."""

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import Any
 
-from riot_bus.findings.backtrack import nodes_of
+from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord, StepRecord, nodes_of
 from riot_bus.report.format import clean, seconds, share, share_interval
 from riot_bus.vocabulary.counting import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord, StepRecord
 
 _FOUND = 3  # pairs of fields, one in a line of the tree; the others are counted
 _REASONS = 3  # all stand in one line, the most frequent first

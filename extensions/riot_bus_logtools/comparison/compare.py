@@ -6,26 +6,18 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from riot_bus_logtools.comparison.anchors import Gap, anchored, longest_rising
 from riot_bus_logtools.comparison.fields import Reading, Shapes, differing
 from riot_bus_logtools.comparison.pairing import Half, Pairing, paired
 from riot_bus_logtools.comparison.parts import TopicDifference, TopicTiming
-from riot_bus_logtools.comparison.recording import Track
+from riot_bus_logtools.comparison.recording import Recording, Track
 from riot_bus_logtools.comparison.result import ComparedLog, LogDifference, OrderDifference
 from riot_bus_logtools.comparison.tally import Tally
-from riot_bus_logtools.comparison.tolerances import TopicTolerances
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from riot_bus_logtools.comparison.recording import Recording, Track
-    from riot_bus_logtools.comparison.tolerances import TolerancesOfTopic
+from riot_bus_logtools.comparison.tolerances import TolerancesOfTopic, TopicTolerances
 
 _NUMBERS = 100  # of each kind in a report; one that lists all losses could be huge
 _BINS = 120  # stretches of a log, as fleet.near_misses.BINS

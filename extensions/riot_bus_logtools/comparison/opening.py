@@ -8,27 +8,23 @@ from heapq import merge
 from itertools import combinations
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from riot_bus.config.arguments import parse_types
 from riot_bus.log.account import LOST, account_of
 from riot_bus.log.naming import parse_time
-from riot_bus.log.reader import LogReader
+from riot_bus.log.reader import ChannelSource, LogReader
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.log.tables.plan import is_chosen, log_registry
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.message import Message
 from riot_bus_logtools.comparison.compare import Wishes, compare
 from riot_bus_logtools.comparison.options import Extract
 from riot_bus_logtools.comparison.proposal import Proposal, propose
 from riot_bus_logtools.comparison.recording import Recording
-
-if TYPE_CHECKING:
-    from riot_bus.log.reader import ChannelSource
-    from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.message import Message
-    from riot_bus_logtools.comparison.result import LogDifference
-    from riot_bus_logtools.comparison.tolerances import TopicTolerances
+from riot_bus_logtools.comparison.result import LogDifference
+from riot_bus_logtools.comparison.tolerances import TopicTolerances
 
 
 def compare_logs(a: Path, b: Path, wishes: Wishes | None = None, *, extract: Extract | None = None) -> LogDifference:

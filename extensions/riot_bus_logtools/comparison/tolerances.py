@@ -8,23 +8,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Literal
+from pathlib import Path
+from typing import Final, Literal
 
 from riot_bus.given_files import MOST_TOML, given_text
 from riot_bus.types.brittle import STAMPS, is_brittle, why_brittle
+from riot_bus.types.model import MessageType
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.selector import split_field
 from riot_bus.vocabulary.toml_text import parse_toml
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from riot_bus.types.model import MessageType
 
 TABLE = "tolerances"
 _PERCENT = re.compile(r"(.+)%")

@@ -11,16 +11,13 @@ import operator
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-from riot_bus.types.model import parse_path
+from riot_bus.types.model import MessageType, parse_path
 from riot_bus.types.values import fit_value, set_field
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.message import Scalar
 from riot_bus_logtools.editing.selection import Selection, parse_clauses
-
-if TYPE_CHECKING:
-    from riot_bus.types.model import MessageType
-    from riot_bus.vocabulary.message import Scalar
 
 Operator = Literal["=", "+=", "-=", "*=", "/="]
 _OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {

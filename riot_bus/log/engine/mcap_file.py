@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -27,15 +28,9 @@ from mcap.records import (
 
 from riot_bus.log.engine.blocks import EXTRAS, EXTRAS_TYPE, MAGIC
 from riot_bus.log.engine.checksum import crc32
-from riot_bus.log.engine.chunk import Companions
+from riot_bus.log.engine.chunk import Chunk, Companions
 from riot_bus.log.engine.packing import PackedChunk, check_compression
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from riot_bus.log.engine.chunk import Chunk
 
 _CHUNK = struct.Struct("<BQQQQII")
 _FOOTER = struct.Struct("<BQQQ")

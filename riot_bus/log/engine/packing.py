@@ -5,17 +5,13 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
 from riot_bus.log.engine.checksum import crc32
-from riot_bus.log.engine.chunk import LARGE
+from riot_bus.log.engine.chunk import LARGE, Buffer, Chunk
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-
-if TYPE_CHECKING:
-    from riot_bus.log.engine.chunk import Buffer, Chunk
 
 _LEAST_SHARE = _LEAST_GAIN = 32  # 1/32 of a chunk
 _FIRST, _SLICE, _MOST_SLICES = 1 << 12, 1 << 12, 256  # headers are skipped; of few payloads, 1 MiB is sampled at most

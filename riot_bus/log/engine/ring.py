@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
-from riot_bus.log.engine.chunk import Companions
+from mcap.records import Channel, Schema, Statistics
+
+from riot_bus.log.engine.chunk import Chunk, Companions
 from riot_bus.log.engine.mcap_file import McapFile, record_bytes, statistics_of
 from riot_bus.log.engine.packing import PackedChunk, check_compression
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from mcap.records import Channel, Schema, Statistics
-
-    from riot_bus.log.engine.chunk import Chunk
 
 
 class _Entry(NamedTuple):

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from riot_bus.log.engine.limits import DEFAULT_LIMITS
 from riot_bus.log.loss import Loss
@@ -17,15 +20,8 @@ from riot_bus.log.tables.blocks import LoadedBlock, load_ahead
 from riot_bus.log.tables.plan import Feed, chosen_rows, log_registry, plan_columns
 from riot_bus.types.bulk import gather, join
 from riot_bus.types.payloads import Gathered
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from riot_bus.types.registry import TypeRegistry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
