@@ -59,6 +59,8 @@ def test_numbers_are_short_but_integers_exact(what: float, text: str) -> None:
         (0.034, "3.4 %"),
         (0.5, "50 %"),
         (0.995, "99.5 %"),
+        (0.9994, "99.9 %"),
+        (0.0006, "0.1 %"),
         (0.985, "98 %"),
     ],
 )

@@ -41,7 +41,7 @@ class Lines:
     """An adapter that keeps messages in lines, all but those of the key `no`."""
 
     name = "lines"
-    archives = (".lines", ".ln")
+    archives: tuple[str, ...] = (".lines", ".ln")
 
     def unpacker(self) -> Unpacker:
         return Unpacker()

@@ -92,6 +92,7 @@ def test_what_is_no_entry_is_refused_even_if_nobody_wants_it(data: bytes) -> Non
         ("int32", 1 << 31, -(1 << 31)),
         ("uint32", -1, (1 << 32) - 1),
         ("sint32", (1 << 31) + 5, -(1 << 31) + 5),
+        ("sint32", 0, 0),
         ("sint64", -(1 << 63), -(1 << 63)),
         ("sfixed32", 1 << 31, -(1 << 31)),
         ("fixed64", -1, (1 << 64) - 1),

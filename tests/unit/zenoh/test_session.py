@@ -56,7 +56,8 @@ def error_of(problem: str, **config: Any) -> EnvironmentFaultError:
 
 def test_values_arrive_as_they_are() -> None:
     config = {"mode": "router", "listen/endpoints": ['tcp/"x"'], "adminspace/enabled": True}
-    assert open_session(config, purpose="", library=library()) == config
+    opened: object = open_session(config, purpose="", library=library())
+    assert opened == config
 
 
 def test_a_refused_key_is_told_without_places_in_zenohs_source() -> None:

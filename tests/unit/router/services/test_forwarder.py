@@ -227,7 +227,7 @@ def test_a_session_that_is_closed_loses_the_message_but_ends_the_call(
 def test_who_retires_ends_with_the_last_call(call: Any) -> None:
     query, service = Query(), Session(sample(b"1", "cut/add"), at_once=False)
     handlers: list[Callback] = []
-    service.answer = handlers.append  # type: ignore[method-assign]
+    service.answer = handlers.append  # type: ignore[method-assign, assignment]
     service.at_once = True
     _, forwarder = call(service, query)
     assert service.came.wait(WAIT_S)
