@@ -10,11 +10,12 @@ from riot_bus.report.svg import element, text, width_of
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from riot_bus.findings.backtrack import BacktrackRecord, StepRecord
 
-_COLOURS = {"ink": "#1a1a1a", "soft": "#8a8a8a", "outside": "#dceaf7", "target": "#f7dcdc", "paper": "#ffffff"}
+COLOURS = {"ink": "#1a1a1a", "soft": "#8a8a8a", "outside": "#dceaf7", "target": "#f7dcdc", "paper": "#ffffff"}
 """Of texts, of what is less important, of external topics, of the field's topic, and of the background."""
 
 _COLUMN, _ROW = 245, 54
@@ -43,7 +44,7 @@ def write_picture(record: BacktrackRecord, path: Path) -> None:
     write_whole(path, picture(record) + "\n")
 
 
-def picture(record: BacktrackRecord) -> str:
+def picture(record: BacktrackRecord, colours: Mapping[str, str] = COLOURS) -> str:
     """Return a picture as SVG: external topics are on the left, the targets on the right."""
     columns = _columns(record)
     most = max(map(len, columns), default=1)
@@ -52,19 +53,19 @@ def picture(record: BacktrackRecord) -> str:
     for column, topics in enumerate(columns):
         for row, topic in enumerate(topics):
             y = (height - 30) / 2 + _ROW * (row - (len(topics) - 1) / 2) + 8
-            boxes[topic] = _Box(topic, record, (_COLUMN * (column + 0.5), y))
+            boxes[topic] = _Box(topic, record, (_COLUMN * (column + 0.5), y), colours)
     found = [
-        _arrow(step, boxes[step.source], boxes[step.target])
+        _arrow(step, boxes[step.source], boxes[step.target], colours)
         for step in record.steps
         if step.source in boxes and step.target in boxes
     ]
     return element(
         "svg",
-        element("rect", width="100%", height="100%", fill=_COLOURS["paper"]),
+        element("rect", width="100%", height="100%", fill=colours["paper"]),
         *(arrow for arrow, _ in found),
         *(label for _, label in found),
         *(box.drawn for box in boxes.values()),
-        text(_LEGEND, 12, height - 8, size=7, fill=_COLOURS["soft"], anchor="start"),
+        text(_LEGEND, 12, height - 8, size=7, fill=colours["soft"], anchor="start"),
         xmlns="http://www.w3.org/2000/svg",
         font_family="system-ui, 'DejaVu Sans', sans-serif",
         **{"width": f"{width}pt", "height": f"{height}pt", "viewBox": f"0 0 {width} {height}"},
@@ -88,7 +89,7 @@ def _columns(record: BacktrackRecord) -> list[list[str]]:
 class _Box:
     """A topic, drawn around its place."""
 
-    def __init__(self, topic: str, record: BacktrackRecord, place: Pair) -> None:
+    def __init__(self, topic: str, record: BacktrackRecord, place: Pair, colours: Mapping[str, str]) -> None:
         asked = [name for name in record.targets if name.rpartition(":")[0] == topic]
         lines = [clean(topic, limit=34), *(clean(name.rpartition(":")[2], limit=34) for name in asked[:3])]
         self.place = x, y = place
@@ -98,24 +99,24 @@ class _Box:
             "rect",
             **{"x": x - self.half[0], "y": y - self.half[1], "width": 2 * self.half[0], "height": 2 * self.half[1]},
             rx=3,
-            fill=_COLOURS["target" if asked else "outside" if topic in record.externals else "paper"],
-            stroke=_COLOURS["soft" if missing else "ink"],
+            fill=colours["target" if asked else "outside" if topic in record.externals else "paper"],
+            stroke=colours["soft" if missing else "ink"],
             stroke_dasharray="3.7 1.6" if missing else "none",
         )
         for row, line in enumerate(lines):
             low = y + 10 * (row - (len(lines) - 1) / 2) + 0.36 * _LETTER
-            self.drawn += text(line, x, low, size=_LETTER, fill=_COLOURS["ink"])
+            self.drawn += text(line, x, low, size=_LETTER, fill=colours["ink"])
 
     def holds(self, spot: Pair) -> bool:
         """Return whether a spot is in the box or within 2 of it."""
         return all(abs(one - own) <= half + 2 for one, own, half in zip(spot, self.place, self.half, strict=True))
 
 
-def _arrow(step: StepRecord, source: _Box, target: _Box) -> tuple[str, str]:
+def _arrow(step: StepRecord, source: _Box, target: _Box, colours: Mapping[str, str]) -> tuple[str, str]:
     """Return an arrow from box to box, and its label."""
     (x, y), (to_x, to_y) = source.place, target.place
     best = next((one for one in step.evidence if one.found), None)
-    colour = _COLOURS["ink" if best is not None else "soft"]
+    colour = colours["ink" if best is not None else "soft"]
     dashes = "3.7 1.6" if step.inferred else "none" if best is not None else "1 1.65"
     bend = _BEND if x >= to_x else 0.0  # else it would hide behind the topics of its column
     aside = (bend * (y - to_y), bend * (to_x - x))  # to the right of who goes along the arrow
@@ -145,8 +146,8 @@ def _arrow(step: StepRecord, source: _Box, target: _Box) -> tuple[str, str]:
     # Nearer to the source, where arrows to one topic are apart; a bent one leans by half of its bend.
     spot_x, spot_y = x + _LABEL * (to_x - x) + aside[0] / 2, y + _LABEL * (to_y - y) + aside[1] / 2
     wide = width_of(words, _SMALL)
-    paper = element("rect", x=spot_x - wide / 2, y=spot_y - 4.5, width=wide, height=9, fill=_COLOURS["paper"])
-    return arrow, paper + text(words, spot_x, spot_y + 2.3, size=_SMALL, fill=_COLOURS["soft"])
+    paper = element("rect", x=spot_x - wide / 2, y=spot_y - 4.5, width=wide, height=9, fill=colours["paper"])
+    return arrow, paper + text(words, spot_x, spot_y + 2.3, size=_SMALL, fill=colours["soft"])
 
 
 def dot(record: BacktrackRecord) -> str:
