@@ -95,14 +95,9 @@ def test_components_that_are_started_otherwise_are_measured_anew(tmp_path: Path)
     path.write_text(SYSTEM.replace("PERIOD", "{speed}"))
     context = open_system(path)
     with Launcher() as launcher:
-        for speed in (
-            0.025,
-            *[3600.0] * 4,
-        ):  # one measurement on a busy machine may be wrong, the median of three is used
+        for speed in (0.025, 3600.0):
             with TrialSetup(context, launcher, tmp_path, segments=["system"]) as setup:
                 setup.start("part", seed=0, pace=RunPace(duration=1, speed=speed))
                 setup.readiness.wait_ready(["part"])
-                idle = setup.observation.idle
-            assert speed > 1 or idle.switches > HALF_THE_SLOWER_TIMER
-    assert idle.switches < HALF_THE_SLOWER_TIMER
-    assert [len(each) for each in context.idle.values()] == [1, 3]
+                assert (setup.observation.idle.switches > HALF_THE_SLOWER_TIMER) is (speed < 1)
+    assert [len(each) for each in context.idle.values()] == [1, 1]

@@ -216,8 +216,7 @@ def test_urgent_commands_are_answered_beside_slow_ones(
     slowest = {command: round(max(times), 3) for command, times in took.items()}
     with capsys.disabled():
         print(f"\nslowest answers beside slow commands, of {len(took['status'])} each: {slowest} s")
-    # If each waited for a slow one, there would be about one answer for each of these.
-    assert len(took["status"]) > 4 * 3 * len(slow), slowest
+    assert max(slowest.values()) <= 0.5 + slowest["idle"], slowest
 
 
 def raw(client: Client, key: str, **more: Any) -> list[zenoh.Reply]:
