@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-import zlib
 from collections import Counter
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests import processor_time
 from tests.changed import changed_files, concerned
 from tests.tiers import ALL, PART, PARTS, scaled
 
@@ -73,10 +73,18 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Keep what belongs to the phase, and to the gate unless everything is wanted, or what a change concerns."""
     wanted = config.getoption("--phase")
-    whole = config.stash[CONCERNED] is not None
-    chosen = [item for item in items if (ALL or _in_gate(item, whole=whole)) and wanted in (None, _phase(item))]
+    chosen = [item for item in items if wanted in (None, _phase(item))]
+    if not ALL:
+        chosen = [item for item in chosen if not item.get_closest_marker("nightly")]
+        named = config.args != config.getini("testpaths")
+        if not (
+            named or config.stash[CONCERNED] is not None or config.pluginmanager.has_plugin("tests.processor_time")
+        ):
+            others = _other_parts(chosen)
+            chosen = [item for item in chosen if item not in others]
     if len(chosen) < len(items):
-        config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
+        kept = set(chosen)
+        config.hook.pytest_deselected(items=[item for item in items if item not in kept])
         items[:] = chosen
 
 
@@ -93,22 +101,17 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             terminalreporter.write_line(f"NOT TESTED: {reason} ({count} tests skipped)", red=True)
 
 
-def _in_gate(item: pytest.Item, *, whole: bool) -> bool:
-    """Return whether an item is neither for `--all` alone nor in another part, if parts are wanted."""
-    if item.get_closest_marker("nightly"):
-        return False
-    rotating = item.get_closest_marker("rotating")
-    if rotating is None:
-        return True
-    parts = rotating.args[0] if rotating.args else PARTS
-    if whole and parts <= PARTS:
-        return True
-    # Neighbours among the parameters of a test are in different parts.
-    function, place = (
-        item.nodeid.partition("[")[0],
-        sum(item.callspec.indices.values()) if hasattr(item, "callspec") else 0,
-    )
-    return (zlib.crc32(function.encode()) + place + PART) % parts == 0
+def _other_parts(items: list[pytest.Item]) -> set[pytest.Item]:
+    """Return the items that take long and are in other parts; each part takes about as long as the others."""
+    seconds = processor_time.read()
+    long = [item for item in items if processor_time.function(item.nodeid) in seconds]
+    parts: list[list[pytest.Item]] = [[] for _ in range(PARTS)]
+    loads = [0.0] * PARTS
+    for item in sorted(long, key=lambda item: (-seconds[processor_time.function(item.nodeid)], item.nodeid)):
+        least = loads.index(min(loads))
+        parts[least].append(item)
+        loads[least] += seconds[processor_time.function(item.nodeid)]
+    return set(long) - set(parts[PART % PARTS])
 
 
 def _phase(item: pytest.Item) -> str:

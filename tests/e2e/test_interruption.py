@@ -105,13 +105,11 @@ def interrupt(system: Path, out: Path, tmp_path: Path, numbers: Sequence[signal.
         pytest.param((signal.SIGTERM, signal.SIGINT) * 3, marks=pytest.mark.nightly),
     ],
 )
-@pytest.mark.rotating
 def test_interrupted_campaign(system: Path, tmp_path: Path, numbers: Sequence[signal.Signals]) -> None:
     for round_ in range(scaled(4, gate=1)):
         interrupt(system, tmp_path / f"out{round_}", tmp_path, numbers)
 
 
-@pytest.mark.rotating
 def test_full_disk_loses_nothing_and_is_no_failure(system: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     growing = out / "trials" / f"{TrialStore.NAME}-wal"

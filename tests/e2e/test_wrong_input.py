@@ -43,13 +43,11 @@ def test_unknown_key(riot, press: Path, tmp_path: Path) -> None:
     check(riot("test", "--system", press, "--out", tmp_path / "out"), 2, "riot.toml:", "'segmnets'", "'segments'")
 
 
-@pytest.mark.rotating
 def test_component_that_does_not_exist(riot, press: Path, tmp_path: Path) -> None:
     edit(press, '["{python}", "drive.py", "{endpoint}"]', '["no-such-program"]')
     check(riot("test", "--system", press, "--out", tmp_path / "out"), 4, "'drive'", "no-such-program", "riot.toml")
 
 
-@pytest.mark.rotating
 def test_component_that_dies_at_start(riot, press: Path, tmp_path: Path) -> None:
     edit(press.parent / "drive.py", "def main():", "def main():\n    raise SystemExit('no drive connected')")
     check(riot("test", "--system", press, "--out", tmp_path / "out"), 4, "'drive'", "no drive connected")
@@ -71,7 +69,6 @@ def nominal(press: Path, payloads: list[bytes]) -> Path:
     return log
 
 
-@pytest.mark.rotating
 def test_truncated_log_is_read_as_far_as_it_goes_and_info_says_so(riot, press: Path, tmp_path: Path) -> None:
     payload = json.dumps({"seq": 1, "mode": "step", "speed": 2.0}).encode()
     log = nominal(press, [payload] * 300)
@@ -82,21 +79,18 @@ def test_truncated_log_is_read_as_far_as_it_goes_and_info_says_so(riot, press: P
     assert "nominal.mcap is damaged" in done.stderr
 
 
-@pytest.mark.rotating
 def test_log_that_is_no_mcap(riot, press: Path, tmp_path: Path) -> None:
     log = nominal(press, [b"{}"])
     log.write_bytes(b"this is not a log")
     check(riot("test", "--system", press, "--out", tmp_path / "out"), 2, "nominal.mcap")
 
 
-@pytest.mark.rotating
 def test_payloads_that_do_not_decode(riot, press: Path, tmp_path: Path) -> None:
     nominal(press, [b"\xff\x00 not json"] * 3)
     done = riot("test", "--system", press, "--out", tmp_path / "out")
     check(done, 2, "no field that can be injected", "hint")
 
 
-@pytest.mark.rotating
 def test_dictionary_with_a_field_that_is_not_there(riot, press: Path, tmp_path: Path) -> None:
     nominal(press, [json.dumps({"seq": 1, "mode": "step", "speed": 2.0}).encode()] * 30)
     (press.parent / "limits.toml").write_text(

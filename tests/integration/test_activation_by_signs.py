@@ -69,7 +69,6 @@ def find(workspace: Workspace, fault: str) -> Path:
 
 
 @pytest.mark.parametrize("fault", chosen(SIGNATURES, gate=("exit",)))
-@pytest.mark.rotating
 def test_a_unit_that_ends_or_falls_silent_does_so_in_the_whole_system(
     tmp_path: Path, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

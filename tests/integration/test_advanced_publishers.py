@@ -274,7 +274,6 @@ def alive(kind: type) -> int:
     return sum(isinstance(each, kind) for each in gc.get_objects())
 
 
-@pytest.mark.rotating
 def test_publishers_that_come_and_go_leave_nothing() -> None:
     count = 200
     keys = [f"cut/{number}" for number in range(count)]

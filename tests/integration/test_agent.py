@@ -60,7 +60,6 @@ def playing(endpoint: str, *arguments: str) -> Process:
     return Process("fleet", "play", "r7", *arguments, f"--endpoint={endpoint}", "--format=json", "--wait=20")
 
 
-@pytest.mark.rotating
 def test_a_log_is_replayed_while_the_link_to_the_controller_is_cut_and_restored(bus: str, hub: str, logs: Path) -> None:
     with (
         Cable(hub) as cable,
@@ -83,7 +82,6 @@ def test_a_log_is_replayed_while_the_link_to_the_controller_is_cut_and_restored(
 
 
 @pytest.mark.parametrize("side", chosen(["robot", "controller"], gate=["controller"]))
-@pytest.mark.rotating
 def test_a_controller_that_is_away_for_long_makes_the_robot_pause_and_then_go_on(
     bus: str, hub: str, logs: Path, side: str
 ) -> None:
@@ -128,7 +126,6 @@ def test_a_lost_controller_stops_the_robot_and_frees_it(bus: str, hub: str, logs
         assert listener.payloads(10) == expected(10)
 
 
-@pytest.mark.rotating
 def test_a_robot_may_go_on_without_a_controller(bus: str, hub: str, logs: Path) -> None:
     with Listener(bus, "a/*") as listener, agent(logs, bus, hub) as robot:
         with playing(hub, "log.mcap", "--grace=0", "--on-lost-controller=continue") as controller:
@@ -144,7 +141,6 @@ def test_a_robot_may_go_on_without_a_controller(bus: str, hub: str, logs: Path) 
         assert "exclude each other" in err
 
 
-@pytest.mark.rotating
 def test_a_controller_gives_up_within_a_bound_and_says_so(bus: str, hub: str, logs: Path) -> None:
     with (
         Cable(hub) as cable,
@@ -160,7 +156,6 @@ def test_a_controller_gives_up_within_a_bound_and_says_so(bus: str, hub: str, lo
 
 
 @pytest.mark.parametrize("side", chosen(["robot", "controller"], gate=["robot"]))
-@pytest.mark.rotating
 def test_a_link_that_hangs_is_noticed_and_hangs_nobody(bus: str, hub: str, logs: Path, side: str) -> None:
     with Cable(hub) as cable, Listener(bus, "a/*") as listener:
         ends = {"robot": hub, "controller": hub, side: cable.endpoint}
@@ -182,7 +177,6 @@ def test_a_link_that_hangs_is_noticed_and_hangs_nobody(bus: str, hub: str, logs:
             assert listener.payloads(10) == expected(10)
 
 
-@pytest.mark.rotating
 def test_an_interrupted_controller_stops_the_robot(bus: str, hub: str, logs: Path) -> None:
     with Listener(bus, "a/*") as listener, agent(logs, bus, hub):
         with playing(hub, "log.mcap", "--rate=0.2") as controller:
@@ -193,7 +187,6 @@ def test_an_interrupted_controller_stops_the_robot(bus: str, hub: str, logs: Pat
         assert not fleet(hub, "status", "r7")["busy"]
 
 
-@pytest.mark.rotating
 def test_an_interrupted_controller_without_a_link_leaves_within_a_bound(bus: str, hub: str, logs: Path) -> None:
     with (
         Cable(hub) as cable,
@@ -228,7 +221,6 @@ def test_a_robot_is_steered_and_does_one_thing_at_a_time(bus: str, hub: str, log
         assert fleet(hub, "stop", "r7")["busy"] is False
 
 
-@pytest.mark.rotating
 def test_progress_is_told_to_whoever_listens(bus: str, hub: str, logs: Path) -> None:
     with Listener(bus, "a/*"), Listener(hub, "@riot/*/agent/progress") as news, agent(logs, bus, hub) as robot:
         with playing(hub, "log.mcap", "--rate=2") as controller:
@@ -247,7 +239,6 @@ def test_progress_is_told_to_whoever_listens(bus: str, hub: str, logs: Path) -> 
     )
 
 
-@pytest.mark.rotating
 def test_somebody_else_may_stop_it(bus: str, hub: str, logs: Path) -> None:
     with Listener(bus, "a/*") as listener, agent(logs, bus, hub), playing(hub, "log.mcap", "--rate=0.2") as controller:
         listener.wait(1)
@@ -266,7 +257,6 @@ def test_injections_travel_along(bus: str, hub: str, logs: Path, tmp_path: Path)
     assert values == [0, 1, -1, -1, *range(4, 10)]
 
 
-@pytest.mark.rotating
 def test_what_a_robot_refuses(bus: str, hub: str, logs: Path, tmp_path: Path) -> None:
     write(tmp_path / "outside.mcap", numbered(1, "a/x"))
     write(logs / "admin.mcap", [Message(BEGIN, "@/x/router/config/mode", b"1")])
@@ -319,7 +309,6 @@ def test_nonsense_is_answered(bus: str, hub: str, logs: Path) -> None:
         assert answered == {"agent/status", "agent/logs"}  # what changes nothing
 
 
-@pytest.mark.rotating
 def test_logs_are_listed(bus: str, hub: str, logs: Path) -> None:
     (logs / "broken.mcap").write_text("nothing")
     with agent(logs, bus, hub):
@@ -334,7 +323,6 @@ def test_logs_are_listed(bus: str, hub: str, logs: Path) -> None:
         assert fleet(hub, "logs", "r7", "min-duration=1", "lossless")["count"] == 1
 
 
-@pytest.mark.rotating
 def test_the_fleet_router_may_come_later(bus: str, logs: Path) -> None:
     with ZenohProcess("router") as process:
         (endpoint,) = process.locators[:1]
@@ -371,7 +359,6 @@ def test_an_agent_that_is_killed_is_noticed(bus: str, hub: str, logs: Path) -> N
             assert "r7 no longer knows of it: its agent was started anew" in "".join(controller.err)
 
 
-@pytest.mark.rotating
 def test_an_agent_that_ends_stops_what_it_plays(bus: str, hub: str, logs: Path) -> None:
     with (
         Listener(bus, "a/*") as listener,
@@ -385,7 +372,6 @@ def test_an_agent_that_ends_stops_what_it_plays(bus: str, hub: str, logs: Path) 
 
 
 @pytest.mark.parametrize("hanging", chosen(["fleet", "bus"], gate=["bus"]))
-@pytest.mark.rotating
 def test_an_agent_ends_in_time_though_a_link_hangs(bus: str, hub: str, logs: Path, hanging: str) -> None:
     with Cable(hub if hanging == "fleet" else bus) as cable, Listener(bus, "a/*") as listener:
         ends = {"fleet": hub, "bus": bus, hanging: cable.endpoint}
@@ -399,7 +385,6 @@ def test_an_agent_ends_in_time_though_a_link_hangs(bus: str, hub: str, logs: Pat
             assert robot.end() == 0, robot.err
 
 
-@pytest.mark.rotating
 def test_two_agents_of_one_name_do_nothing(bus: str, hub: str, logs: Path) -> None:
     with agent(logs, bus, hub), agent(logs, bus, hub) as second:
         assert any("another agent is called 'r7' too" in line for line in second.err)
@@ -408,7 +393,6 @@ def test_two_agents_of_one_name_do_nothing(bus: str, hub: str, logs: Path) -> No
         assert "2 agents are called 'r7'" in fleet(hub, "play", "r7", "log.mcap", code=4)
 
 
-@pytest.mark.rotating
 def test_an_agent_may_be_allowed_less(bus: str, hub: str, logs: Path) -> None:
     with agent(logs, bus, hub, "--allow=nothing"):
         err = fleet(hub, "play", "r7", "log.mcap", code=2)
@@ -416,7 +400,6 @@ def test_an_agent_may_be_allowed_less(bus: str, hub: str, logs: Path) -> None:
         assert fleet(hub, "logs", "r7")["count"] >= 0
 
 
-@pytest.mark.rotating
 def test_a_robot_records_and_plays_what_it_has_recorded(bus: str, hub: str, logs: Path) -> None:
     with open_client(bus) as source, Listener(bus, "a/*") as listener, agent(logs, bus, hub):
         with Process(
@@ -443,7 +426,6 @@ def test_a_robot_records_and_plays_what_it_has_recorded(bus: str, hub: str, logs
         assert listener.payloads(10) == expected(10)
 
 
-@pytest.mark.rotating
 def test_a_recording_outlives_its_controller(bus: str, hub: str, logs: Path) -> None:
     with open_client(bus) as source, Listener(bus, "a/*") as listener, agent(logs, bus, hub) as robot:
         with Process("fleet", "record", "r7", "-o", "new.mcap", f"--endpoint={hub}", "--grace=0") as controller:
@@ -458,7 +440,6 @@ def test_a_recording_outlives_its_controller(bus: str, hub: str, logs: Path) -> 
     assert [each.payload for each in read_log(logs / "new.mcap")] == [b"after"]
 
 
-@pytest.mark.rotating
 def test_a_recording_ends_by_itself(bus: str, hub: str, logs: Path) -> None:
     with agent(logs, bus, hub):
         found = fleet(hub, "record", "r7", "-o", "new.mcap", "--duration=1s")
@@ -471,7 +452,6 @@ def test_a_robot_whose_disk_is_full_does_not_record(bus: str, hub: str, logs: Pa
         assert "are to be kept free" in fleet(hub, "record", "r7", code=4)
 
 
-@pytest.mark.rotating
 def test_the_documented_router_of_a_fleet(bus: str, logs: Path, tmp_path: Path) -> None:
     page = (Path(__file__).resolve().parents[2] / "docs" / "fleet.md").read_text()
     begin = page.index("    [router.segments.fleet]")

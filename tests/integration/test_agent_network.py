@@ -64,7 +64,6 @@ def elsewhere() -> Iterator[Elsewhere]:
         yield Elsewhere(name, here, f"{network}.1")
 
 
-@pytest.mark.rotating
 def test_a_command_from_another_host_outlives_its_link(elsewhere: Elsewhere, tmp_path: Path) -> None:
     write(tmp_path / "log.mcap", numbered(COUNT, "a/x", period=100 * MS))
     with (
@@ -87,7 +86,6 @@ def test_a_command_from_another_host_outlives_its_link(elsewhere: Elsewhere, tmp
     assert json.loads(controller.out[0])["state"] == "ended"
 
 
-@pytest.mark.rotating
 def test_a_controller_on_another_host_that_is_cut_off_is_lost_to_the_robot(
     elsewhere: Elsewhere, tmp_path: Path
 ) -> None:

@@ -63,7 +63,6 @@ def _flood(session: Any, over: threading.Event) -> None:
 
 
 @pytest.mark.timeout(1800)  # a hundred rounds by night, each with a grace to wait out
-@pytest.mark.rotating
 def test_no_operation_outlives_its_grace_and_none_ends_without_need(tmp_path: Path) -> None:
     logs = tmp_path / "logs"
     logs.mkdir()

@@ -76,7 +76,6 @@ print(sent / seconds, flush=True)
 
 
 @pytest.mark.parametrize("command", chosen(["logs", "status", "stop", "seek"], gate=["status", "stop"]))
-@pytest.mark.rotating
 def test_a_flood_of_questions_does_not_hold_up_a_stop(bus: str, hub: str, logs: Path, command: str) -> None:
     for number in range(scaled(3000, gate=50)):
         write(logs / f"more-{number}.mcap", numbered(1, "a/x", period=MS))

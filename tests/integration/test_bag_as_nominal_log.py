@@ -88,7 +88,6 @@ def test_a_unit_is_tested_with_a_bag(work: Path) -> None:
     assert "crash" in json.dumps(found)
 
 
-@pytest.mark.rotating
 def test_a_test_case_is_replayed_over_bags(work: Path) -> None:
     (work / "plan.toml").write_text(PLAN)
     riot(work, "fleet", "index", ".", code=0)

@@ -53,7 +53,6 @@ def stack() -> Iterator[ExitStack]:
         yield entered
 
 
-@pytest.mark.rotating
 def test_options_that_are_wrong_are_named(tmp_path: Path) -> None:
     nobody = free_endpoint()
     for arguments, code, part in (
@@ -69,7 +68,6 @@ def test_options_that_are_wrong_are_named(tmp_path: Path) -> None:
         assert part in err
 
 
-@pytest.mark.rotating
 def test_a_port_in_use_is_named(stack: ExitStack) -> None:
     router = stack.enter_context(RouterProcess())
     taken = stack.enter_context(UdpEnd())
@@ -277,7 +275,6 @@ def test_it_says_what_it_does(stack: ExitStack) -> None:
     assert (int(row[1]) > 2, row[3]) == (True, "4") or int(row[3]) >= 4
 
 
-@pytest.mark.rotating
 def test_init_writes_a_system_file_from_a_live_link(stack: ExitStack, tmp_path: Path) -> None:
     with UdpEnd() as probe:
         port = probe.port
@@ -346,7 +343,6 @@ def test_a_segment_is_listened_to_when_the_program_behind_is_connected(stack: Ex
     assert process.wait(timeout=WAIT_S) == 7
 
 
-@pytest.mark.rotating
 def test_it_goes_on_with_a_router_that_was_killed_and_started_again(stack: ExitStack) -> None:
     first = stack.enter_context(RouterProcess())
     ground = stack.enter_context(UdpEnd())

@@ -56,7 +56,6 @@ def attitudes(count: int, **fields: float) -> list[bytes]:
     ]
 
 
-@pytest.mark.rotating
 def test_options_that_are_wrong_are_named(tmp_path: Path) -> None:
     link = "--link=udpin:127.0.0.1:0"
     nobody = free_endpoint()
@@ -137,7 +136,6 @@ def test_components_on_the_bus_see_and_send_frames(stack: ExitStack, tmp_path: P
     assert [bench.ground.take(1)[0].raw, bench.vehicle.take(1)[0].raw] == [raw, raw]
 
 
-@pytest.mark.rotating
 def test_plans_come_and_go_without_a_loss(stack: ExitStack, tmp_path: Path) -> None:
     plan, drop = tmp_path / "plan.toml", tmp_path / "drop.toml"
     plan.write_text(PATCH)

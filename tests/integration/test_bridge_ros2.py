@@ -327,7 +327,6 @@ def test_a_second_bridge_of_a_domain_is_refused(start: Any) -> None:
     assert send(talker, listener, "/chatter", ["works"]) == ["works"]
 
 
-@pytest.mark.rotating
 def test_of_two_bridges_that_start_together_one_stays_and_nothing_comes_twice(tmp_path: Path) -> None:
     python = ros2_interpreter()
     with contextlib.ExitStack() as stack:

@@ -108,7 +108,6 @@ class Samples:
         self.client.close()
 
 
-@pytest.mark.rotating
 def test_options_that_are_wrong_are_named(tmp_path: Path) -> None:
     for arguments, code, part in (
         ([], 2, "--segment"),

@@ -201,7 +201,6 @@ class Sleepy:
         time.sleep(0.0005)
 
 
-@pytest.mark.rotating
 def test_what_drop_publishers_lose_to_a_slow_interceptor_is_counted() -> None:
     count = 20_000
     with Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Sleepy())) as bus, pair(bus) as (source, _):
@@ -214,7 +213,6 @@ def test_what_drop_publishers_lose_to_a_slow_interceptor_is_counted() -> None:
         assert counts.received <= count
 
 
-@pytest.mark.rotating
 def test_block_publishers_wait_for_a_slow_interceptor() -> None:
     count = 15_000
     with (

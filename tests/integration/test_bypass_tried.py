@@ -119,7 +119,6 @@ WAYS = (put, wildcards, declared, deletes, advanced, forged_cache, admin_space, 
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
-@pytest.mark.rotating
 def test_nothing_of_an_intercepted_key_crosses_uncounted(way: Callable[[zenoh.Session], None]) -> None:
     with RouterProcess(*CUT) as router, ExitStack() as stack:
         victim = Victim(router, stack)

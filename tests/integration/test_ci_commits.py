@@ -72,7 +72,6 @@ class Repository:
         return code, findings, [remark.partition(":")[0] for remark in unit["remarks"]]
 
 
-@pytest.mark.rotating
 def test_each_regression_and_each_fix_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     repository = Repository(tmp_path)

@@ -55,7 +55,6 @@ def below(processes: list[psutil.Process]) -> list[psutil.Process]:
     return [each for process in processes for each in process.children(recursive=True)]
 
 
-@pytest.mark.rotating
 def test_each_case_has_one_outcome_though_a_worker_is_killed_and_its_evidence_comes_back(
     cluster: DaskCluster, system: Path, tmp_path: Path
 ) -> None:
@@ -145,7 +144,6 @@ def test_a_case_that_kills_its_worker_three_times_is_an_outcome_of_its_own(
         assert pool.execute(IdleTrial("echoes"), TestCase()).verdict is Verdict.PASS
 
 
-@pytest.mark.rotating
 def test_an_answer_that_has_died_with_its_worker_is_not_waited_for(
     cluster: DaskCluster, system: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

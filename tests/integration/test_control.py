@@ -263,7 +263,6 @@ def test_control_does_not_cross_segments_and_can_be_confined(tmp_path: Path) -> 
             ask(router.endpoints["system"], "lab", "status")
 
 
-@pytest.mark.rotating
 def test_commands_of_the_command_line(router: RouterProcess, tmp_path: Path) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN)

@@ -57,7 +57,6 @@ def work(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.rotating
 def test_the_wheel_of_the_source_distribution_is_that_of_the_checkout(built: dict[str, Path]) -> None:
     names = [sorted(zipfile.ZipFile(built[each]).namelist()) for each in ("wheel", "direct")]
     assert names[0] == names[1]
@@ -66,7 +65,6 @@ def test_the_wheel_of_the_source_distribution_is_that_of_the_checkout(built: dic
     assert not [name for name in names[0] if name.startswith(("tests/", "benchmarks/", "adapters/"))]
 
 
-@pytest.mark.rotating
 def test_the_first_step_of_the_demo_records_the_installed_rover(full: Path, tmp_path: Path) -> None:
     program = """
 import sys
@@ -85,7 +83,6 @@ with Workspace(system, Path(sys.argv[1])) as workspace:
     assert all(each["type"] for each in told["topics"]), told["topics"]
 
 
-@pytest.mark.rotating
 def test_dictionaries_adapters_and_examples_are_found(full: Path) -> None:
     program = """
 from riot_bus.chain.base.systems import find_example
@@ -113,7 +110,6 @@ print(open_system(find_example("mavlink")).file.system.name)
     ],
     ids=str,
 )
-@pytest.mark.rotating
 def test_without_its_extra_a_command_names_it(bare: Path, work: Path, words: str, named: str, extra: str) -> None:
     code, _, err = outcome(bare / "riot", *words.split(), cwd=work)
     assert code == 2, err

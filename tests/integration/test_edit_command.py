@@ -47,7 +47,6 @@ def test_what_it_says(tmp_path: Path) -> None:
     assert len(raw(Path(out))) == 75
 
 
-@pytest.mark.rotating
 def test_json_and_dry_run(tmp_path: Path) -> None:
     log = json_log(tmp_path / "in.mcap", 100)
     arguments = ("edit", str(log), str(tmp_path / "out.mcap"), "--start", "5", "--shift", "a=0.5", "--format", "json")
@@ -64,7 +63,6 @@ def test_json_and_dry_run(tmp_path: Path) -> None:
     assert done["total"] == {"read": 100, "kept": 50, "changed": 0, "dropped": 50, "added": 0, "originals": 0}
 
 
-@pytest.mark.rotating
 def test_an_output_is_replaced_only_if_wanted_and_an_input_never(tmp_path: Path) -> None:
     log = json_log(tmp_path / "in.mcap", 10)
     before = log.read_bytes()
@@ -90,7 +88,6 @@ def test_an_output_is_replaced_only_if_wanted_and_an_input_never(tmp_path: Path)
     assert names(tmp_path) == ["folder", "hard.mcap", "in.mcap", "link.mcap", "out.mcap"]
 
 
-@pytest.mark.rotating
 def test_a_folder_is_replaced_as_a_whole(tmp_path: Path) -> None:
     log = json_log(tmp_path / "in.mcap", 100)
     bag = tmp_path / "bag"
@@ -120,7 +117,6 @@ def test_a_damaged_log_is_recovered_with_exit_code_3(tmp_path: Path) -> None:
         assert not reader.loss
 
 
-@pytest.mark.rotating
 def test_an_integer_of_many_digits_in_a_plan_is_a_mistake(tmp_path: Path) -> None:
     log, plan = json_log(tmp_path / "in.mcap", 10), tmp_path / "plan.toml"
     for number in ("1" * 5000, "0x" + "f" * 5000):
@@ -153,7 +149,6 @@ def _loss(log: Path) -> object:
         (["--remap", "a:b"], "OLD:=NEW"),
     ],
 )
-@pytest.mark.rotating
 def test_mistakes(tmp_path: Path, arguments: list[str], problem: str) -> None:
     log = json_log(tmp_path / "in.mcap", 10, ("a", "xx"))
     code, text, err = riot("edit", str(log), str(tmp_path / "out.mcap"), *arguments)
@@ -202,7 +197,6 @@ def test_a_plan_and_interceptors(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.rotating
 def test_nothing_is_left_behind_when_it_is_interrupted(tmp_path: Path, number: int) -> None:
     log = large(tmp_path / "in.mcap")
     block = tmp_path / "slow.py"
@@ -235,7 +229,6 @@ def test_nothing_is_left_behind_when_it_is_interrupted(tmp_path: Path, number: i
     assert names(out) == []
 
 
-@pytest.mark.rotating
 def test_a_full_disk_is_told_and_nothing_is_left(tmp_path: Path) -> None:
     log = large(tmp_path / "in.mcap")
     out = tmp_path / "out"

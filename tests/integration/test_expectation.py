@@ -102,7 +102,6 @@ def test_the_answers_are_as_expected(router: str, log: Path, tmp_path: Path) -> 
     assert [json.loads(message.payload)["v"] for message in kept] == [2.0 * number for number in range(COUNT)]
 
 
-@pytest.mark.rotating
 def test_one_is_lost_and_all_others_are_a_little_larger(router: str, log: Path, tmp_path: Path) -> None:
     with component(router, factor=2.001, silent_at=70):
         code, out, _ = play(log, router, "--expect-wait=20", "--format=json", "--html", tmp_path / "page.html")

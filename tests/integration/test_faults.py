@@ -52,7 +52,6 @@ def test_a_publisher_that_is_killed_in_a_burst_harms_nobody() -> None:
 
 
 @pytest.mark.parametrize("key", ["cut", "free"])
-@pytest.mark.rotating
 def test_a_crowd_of_publishers_that_wait_for_one_subscriber_harms_nobody(key: str) -> None:
     """Each may hold up one of the router's threads; if no other is left, its segments wait for each other."""
     groups, sessions, count = 4, 10, 1500

@@ -16,7 +16,6 @@ from tests.integration.fault_tools import MIB, SEGMENTS, assert_balanced, receiv
 pytestmark = pytest.mark.integration
 
 
-@pytest.mark.rotating
 def test_thirty_changes_of_the_cut_under_traffic_lose_nothing_of_what_stays_cut_and_repeat_nothing() -> None:
     keys = ("keep/x", "turn/x", "free/x")
     with (

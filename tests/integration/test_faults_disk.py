@@ -56,7 +56,6 @@ def settled(remote: Remote) -> bool:
     return bool(row["unrecorded"] and row["recorded"] + row["unrecorded"] == COUNT)
 
 
-@pytest.mark.rotating
 def test_a_full_disk_costs_the_recording_alone_and_every_message_of_it_is_counted(tmp_path: Path) -> None:
     log, other = tmp_path / "a.mcap", tmp_path / "b.mcap"
     with RouterProcess("--intercept=cut/**", f"--record={log}", "--format=json") as router:
@@ -135,7 +134,6 @@ def test_a_recording_that_cannot_be_written_at_all_is_an_error_at_once(path: str
     assert "Traceback" not in err
 
 
-@pytest.mark.rotating
 def test_a_recording_of_a_killed_router_holds_what_was_said_to_be_recorded_a_second_before(tmp_path: Path) -> None:
     log = tmp_path / "a.mcap"
     with RouterProcess("--intercept=cut/**", f"--record={log}") as router, flooded(router):

@@ -95,7 +95,6 @@ def test_logs_are_indexed_listed_and_shown(work: Path) -> None:
     assert "did you mean 'robot'" in fleet(work, "list", "robt=r1", code=2)
 
 
-@pytest.mark.rotating
 def test_a_test_case_over_a_fleet(work: Path) -> None:
     fleet(work, "index", "logs")
     found = over(work, "", "--jobs=2", code=1)
@@ -115,7 +114,6 @@ def test_a_test_case_over_a_fleet(work: Path) -> None:
     assert "no log matches" in fleet(work, "run", "plan.toml", "--over=robot=r9", "--system=press/riot.toml", code=2)
 
 
-@pytest.mark.rotating
 def test_mended_software_passes_and_known_answers_are_kept(work: Path) -> None:
     fleet(work, "index", "logs")
     over(work, "robot=r1", code=1)
@@ -128,7 +126,6 @@ def test_mended_software_passes_and_known_answers_are_kept(work: Path) -> None:
     assert {each["answer"] for each in over(work, "robot=r1").values()} == {"fixed"}
 
 
-@pytest.mark.rotating
 def test_an_interrupted_run_goes_on(work: Path) -> None:
     for number in range(12):
         log(work / "logs" / "many" / f"{number}.mcap", "step", count=20 + number)
@@ -149,7 +146,6 @@ def test_an_interrupted_run_goes_on(work: Path) -> None:
     assert len({each["key"] for each in lines}) == 12
 
 
-@pytest.mark.rotating
 def test_an_interrupted_index_goes_on(work: Path) -> None:
     source = (work / "logs" / "r1" / "step.mcap").read_bytes()
     for number in range(2000):

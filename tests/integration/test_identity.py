@@ -32,7 +32,6 @@ def rewrite(folder: Path, *, name: str, above: str = "", inside: str = "") -> No
 
 
 @pytest.mark.parametrize("kind", chosen(("raises", "faults_in_libc"), gate=("raises",)))
-@pytest.mark.rotating
 def test_an_edited_renamed_and_rebuilt_unit_has_the_same_finding_until_it_is_mended(tmp_path: Path, kind: str) -> None:
     if missing(kind):
         pytest.skip(f"NOT TESTED: native faults: there is no {missing(kind)}")

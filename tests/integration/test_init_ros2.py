@@ -94,7 +94,6 @@ def test_a_live_system_becomes_a_file_that_riot_reads(python: Path, tmp_path: Pa
     assert (code, "no-such-program" in err) == (4, True), (out, err)
 
 
-@pytest.mark.rotating
 def test_nobody_and_nothing(tmp_path: Path) -> None:
     path = tmp_path / "riot.toml"
     endpoint = free_endpoint()
@@ -135,7 +134,6 @@ for each in [subprocess.Popen([sys.executable, *node]) for node in nodes]:
 """
 
 
-@pytest.mark.rotating
 def test_nodes_of_dds_behind_a_bridge_are_started_by_what_has_started_them(tmp_path: Path) -> None:
     ros2_python = ros2_interpreter()
     for name, text in (("talker", TALKER), ("listener", LISTENER), ("launch", LAUNCH)):

@@ -70,7 +70,6 @@ def totals(folder: Path, cases: list[TestCase], system: str = ADDS) -> tuple[lis
     return outcomes, [sorted(set(one.observed["total:pid"].values)) for one in outcomes]
 
 
-@pytest.mark.rotating
 def test_processes_that_can_be_reset_go_on_over_runs_that_pass(tmp_path: Path) -> None:
     dies = TestCase((*LOG[:-1], LOG[-1].with_(payload=b"999")))
     outcomes, pids = totals(tmp_path, [TestCase(LOG), TestCase(LOG, seed=1), dies, TestCase(LOG), TestCase(LOG)])

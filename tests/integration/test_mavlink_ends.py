@@ -19,7 +19,6 @@ pytestmark = [pytest.mark.integration, pytest.mark.parametrize("between", chosen
 ROUTE = [[16, 0, 47.397742, 8.545594, 488.0], [22, 3, 47.397742, 8.545594, 20.0], [16, 3, 47.398242, 8.545594, 25.0]]
 
 
-@pytest.mark.rotating
 def test_mavproxy(mavlink_python: Path, tmp_path: Path, between: str) -> None:
     with Stand(mavlink_python, tmp_path, between) as stand:
         autopilot = stand.autopilot()
@@ -37,7 +36,6 @@ def test_mavproxy(mavlink_python: Path, tmp_path: Path, between: str) -> None:
         check_bridge(stand, between, lost=0)
 
 
-@pytest.mark.rotating
 def test_dronekit(mavlink_python: Path, tmp_path: Path, between: str) -> None:
     with Stand(mavlink_python, tmp_path, between) as stand:
         autopilot = stand.autopilot()
@@ -63,7 +61,6 @@ def test_dronekit(mavlink_python: Path, tmp_path: Path, between: str) -> None:
         check_bridge(stand, between, lost=lost)  # two of its threads may take the same number, also without a bridge
 
 
-@pytest.mark.rotating
 def test_mavsdk_on_the_ground(mavlink_python: Path, tmp_path: Path, between: str) -> None:
     with Stand(mavlink_python, tmp_path, between) as stand:
         autopilot = stand.autopilot()
@@ -86,7 +83,6 @@ def test_mavsdk_on_the_ground(mavlink_python: Path, tmp_path: Path, between: str
         check_bridge(stand, between, lost=lost)  # mavsdk itself leaves out a few numbers
 
 
-@pytest.mark.rotating
 def test_mavsdk_in_the_air(mavlink_python: Path, tmp_path: Path, between: str) -> None:
     with Stand(mavlink_python, tmp_path, between) as stand:
         station = stand.start("-m", "drone.station", f"--connect={stand.ground}", "--fly", "--duration=40")

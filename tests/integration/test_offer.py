@@ -175,7 +175,6 @@ ready = { service = "/limit", timeout = 90 }
 """
 
 
-@pytest.mark.rotating
 def test_a_node_of_ros_is_not_ready_before_it_offers_its_service(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

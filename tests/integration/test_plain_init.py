@@ -21,7 +21,6 @@ CONFIG = """{
 """
 
 
-@pytest.mark.rotating
 def test_three_processes_of_one_segment_become_a_file_that_can_be_tested(tmp_path: Path) -> None:
     path, nominal = tmp_path / "riot.toml", tmp_path / "logs/nominal.mcap"
     nominal.parent.mkdir()
@@ -78,7 +77,6 @@ def test_three_processes_of_one_segment_become_a_file_that_can_be_tested(tmp_pat
     assert CampaignRecord.load(tmp_path / "out").tested >= 10
 
 
-@pytest.mark.rotating
 def test_what_does_not_work_when_it_is_started_is_said(tmp_path: Path) -> None:
     path = tmp_path / "riot.toml"
     with RouterProcess(endpoints={"system": "tcp/127.0.0.1:0"}) as router:

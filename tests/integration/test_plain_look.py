@@ -35,7 +35,6 @@ def uses(found: dict[str, Any], *, by: str = "name") -> dict[str, tuple[list[str
     return {each[by]: (each["inputs"], each["outputs"]) for each in found["components"]}
 
 
-@pytest.mark.rotating
 def test_a_segment_for_each_component_tells_all_and_so_does_the_routers_log(tmp_path: Path) -> None:
     with RouterProcess("--intercept=**", "--record=router.mcap", endpoints=SEGMENTS, cwd=tmp_path) as router:
         world, mind, body = (router.endpoints[name] for name in SEGMENTS)
@@ -65,7 +64,6 @@ def test_a_segment_for_each_component_tells_all_and_so_does_the_routers_log(tmp_
 
 
 @pytest.mark.parametrize("admin", [True, False])
-@pytest.mark.rotating
 def test_routers_of_others_tell_commands_and_keys_and_stamps_tell_who_publishes(tmp_path: Path, admin: bool) -> None:
     endpoint = free_endpoint()
     with ZenohProcess("router", listen__endpoints=[endpoint], adminspace__enabled=admin):
@@ -89,7 +87,6 @@ def test_routers_of_others_tell_commands_and_keys_and_stamps_tell_who_publishes(
     assert alone["topics"]["plan/cmd"]["type"] == "cbor"
 
 
-@pytest.mark.rotating
 def test_nobody_there(tmp_path: Path) -> None:
     with RouterProcess(endpoints={"system": "tcp/127.0.0.1:0"}) as router:
         for _ in range(2):  # the first attempt leaves nothing that a second one would be refused for

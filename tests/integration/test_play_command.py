@@ -71,7 +71,6 @@ def test_play_through_a_router_with_interception(tmp_path: Path) -> None:
     assert "late by" in last
 
 
-@pytest.mark.rotating
 def test_remote_control(router: str, tmp_path: Path) -> None:
     log = write(tmp_path / "log.mcap", numbered(10, "a/x", period=10 * SECOND))
 
@@ -101,7 +100,6 @@ def test_remote_control(router: str, tmp_path: Path) -> None:
     assert (result["event"], result["published"], result["stopped"]) == ("ended", 3, True)
 
 
-@pytest.mark.rotating
 def test_control_of_nobody_and_with_nonsense(router: str, tmp_path: Path) -> None:
     code, _, err = riot("ctl", "play", "pause", "-e", router)
     assert code == 4
@@ -138,7 +136,6 @@ def test_a_damaged_log_is_played_as_far_as_it_goes(router: str, tmp_path: Path) 
     assert "the file was not closed" in err
 
 
-@pytest.mark.rotating
 def test_errors_before_it_begins(tmp_path: Path) -> None:
     log = write(tmp_path / "log.mcap", numbered(10, "a/x"))
     for arguments, expected, text in (

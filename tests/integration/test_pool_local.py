@@ -40,7 +40,6 @@ def log_of(path: Path) -> tuple[Message, ...]:
         return workspace.unit_log("echoes")
 
 
-@pytest.mark.rotating
 def test_workers_killed_at_random_moments_lose_nothing_and_count_nothing_twice(tmp_path: Path) -> None:
     path, rest = write(tmp_path), random.Random(str(tmp_path))
     cases = [TestCase(log_of(path), seed=number) for number in range(scaled(160, gate=40))]
@@ -75,7 +74,6 @@ def test_workers_killed_at_random_moments_lose_nothing_and_count_nothing_twice(t
     assert not [*(tmp_path / "trials").iterdir()]
 
 
-@pytest.mark.rotating
 def test_more_trials_than_jobs_run_at_once_where_that_is_asked_for(tmp_path: Path) -> None:
     path = write(tmp_path)
     with Pool(path, 1, keep=tmp_path / "trials") as pool:
@@ -124,7 +122,6 @@ def test_what_a_trial_or_a_listener_raises_is_raised_where_the_outcome_is_awaite
         assert pool.map(IdleTrial("echoes"), []) == []
 
 
-@pytest.mark.rotating
 def test_closing_the_pool_ends_what_runs_and_touches_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

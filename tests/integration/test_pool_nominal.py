@@ -34,21 +34,18 @@ def test_outputs_and_threads_of_a_unit(tmp_path: Path) -> None:
     assert (found.main_ends, found.ends) == (False, False)
 
 
-@pytest.mark.rotating
 def test_a_timer_is_told_from_silence(tmp_path: Path) -> None:
     found = baseline(tmp_path, "timers")
     assert found.probe_answers.keys() == {"state", "tick"}
     assert found.idle.switches > 20
 
 
-@pytest.mark.rotating
 def test_of_a_unit_without_outputs_its_threads_are_known(tmp_path: Path) -> None:
     found = baseline(tmp_path, "silent_by_design")
     assert (found.probe_answers, found.log_answers) == ({}, {})
     assert found.at_rest == {"main": 1}
 
 
-@pytest.mark.rotating
 def test_rules_are_mined_and_held_against_other_trials_unless_they_are_not_wanted(tmp_path: Path) -> None:
     found = baseline(tmp_path, "echoes").mined
     assert (found.trials, found.alarms, found.held_out, found.dropped) == (6, 0, 8, ())
@@ -71,7 +68,6 @@ def test_rules_are_mined_and_held_against_other_trials_unless_they_are_not_wante
         ('{ memory = "200 MiB" }', "hits a limit in a nominal trial: it had memory of"),
     ],
 )
-@pytest.mark.rotating
 def test_a_limit_that_nominal_trials_hit_is_an_error_that_says_so(tmp_path: Path, limits: str, words: str) -> None:
     path, node = write(tmp_path), tmp_path / "node.py"
     path.write_text(path.read_text().replace("[components.refuses]", f"[components.refuses]\nlimits = {limits}"))
@@ -83,7 +79,6 @@ def test_a_limit_that_nominal_trials_hit_is_an_error_that_says_so(tmp_path: Path
     assert "limits" in str(caught.value)
 
 
-@pytest.mark.rotating
 def test_what_cannot_be_judged_for_want_of_nominal_trials_is_told(tmp_path: Path) -> None:
     with (
         Workspace(write(tmp_path), tmp_path / "out") as workspace,
@@ -97,7 +92,6 @@ def test_what_cannot_be_judged_for_want_of_nominal_trials_is_told(tmp_path: Path
     assert found.mute[0].startswith(told)
 
 
-@pytest.mark.rotating
 def test_answers_to_the_probe_are_waited_for_where_the_log_has_brought_some(tmp_path: Path) -> None:
     """On a loaded machine a unit seemed at rest before it had its probe; silence was no failure then."""
     path, node = write(tmp_path), tmp_path / "node.py"

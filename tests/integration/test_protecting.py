@@ -77,7 +77,6 @@ def pytest_says(folder: Path) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
-@pytest.mark.rotating
 def test_the_regression_test_fails_today_and_passes_when_the_planner_is_mended(rover: Path) -> None:
     folder = write_finding(rover)
     code, output = pytest_says(folder)

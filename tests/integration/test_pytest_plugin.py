@@ -148,7 +148,6 @@ def test_event_loops_go_on(riot, node):
     assert logs(pytester) == []
 
 
-@pytest.mark.rotating
 def test_the_page_works_as_printed(pytester: pytest.Pytester) -> None:
     page = (Path(__file__).parents[2] / "docs/pytest.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```\w+\n# (\S+)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
@@ -158,7 +157,6 @@ def test_the_page_works_as_printed(pytester: pytest.Pytester) -> None:
     pytester.runpytest_subprocess("-p", "no:cacheprovider").assert_outcomes(passed=3)
 
 
-@pytest.mark.rotating
 def test_a_test_that_shows_less_than_it_seems_to_fails(pytester: pytest.Pytester) -> None:
     result = run(
         pytester,
@@ -218,7 +216,6 @@ def test_nor_does_one_that_is_to_fail():
     )
 
 
-@pytest.mark.rotating
 def test_the_log_of_a_failed_test_is_kept_and_told(pytester: pytest.Pytester) -> None:
     text = """
 def test_good(riot, node):
@@ -256,7 +253,6 @@ def test_worse(riot, broken):
     assert not (pytester.path / "none").exists()
 
 
-@pytest.mark.rotating
 def test_tests_in_several_processes_do_not_meet(pytester: pytest.Pytester) -> None:
     result = run(
         pytester,
@@ -272,7 +268,6 @@ def test_alone(riot, node, number):
     result.assert_outcomes(passed=12)
 
 
-@pytest.mark.rotating
 def test_a_marker_that_cannot_be_meant_is_refused(pytester: pytest.Pytester) -> None:
     result = run(
         pytester,
@@ -290,7 +285,6 @@ def test_no_such_segment():
     result.stdout.fnmatch_lines_random(["*plan=None, segment=None, intercept=()*", "*no segment 'nowhere'*"])
 
 
-@pytest.mark.rotating
 def test_a_small_campaign_and_a_finding_of_it(pytester: pytest.Pytester) -> None:
     (pytester.path / "unit.py").write_text(UNIT)
     (pytester.path / "riot.toml").write_text(SYSTEM)

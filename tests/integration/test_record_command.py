@@ -109,7 +109,6 @@ def test_until_interrupted(router: str, tmp_path: Path) -> None:
     assert "int/x" in out
 
 
-@pytest.mark.rotating
 def test_a_loss_is_exit_code_3_and_said_by_topic(router: str, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with recorder("/chatter", "-e", router, "-o", str(path)) as process, open_client(router) as client:
@@ -187,7 +186,6 @@ def test_a_second_interrupt_ends_at_once(router: str, tmp_path: Path) -> None:
     assert recorded(path) == [b"1"]
 
 
-@pytest.mark.rotating
 def test_a_ring_is_written_on_sigusr1_and_on_command(router: str, tmp_path: Path) -> None:
     options = ["--ring=30s", "--name=ring", "--no-graph", "--start-paused"]
     with recorder("usr/**", "-e", router, *options, cwd=tmp_path) as process, open_client(router) as client:
@@ -226,7 +224,6 @@ gap = 0.5
 """
 
 
-@pytest.mark.rotating
 def test_a_ring_is_written_when_a_monitor_of_riot_toml_is_violated(router: str, tmp_path: Path) -> None:
     (tmp_path / "riot.toml").write_text(MONITORED)
     options = ["--ring=30s", "--name=mon", "--no-graph", "--monitors=riot.toml"]
@@ -249,7 +246,6 @@ def test_a_ring_is_written_when_a_monitor_of_riot_toml_is_violated(router: str, 
     assert "no mon/x for " in err
 
 
-@pytest.mark.rotating
 def test_the_words_of_a_router_are_those_of_a_recorder_where_no_router_answers(router: str, tmp_path: Path) -> None:
     with recorder("words/**", "-e", router, "-o", str(tmp_path / "a.mcap"), "--no-graph", "--name=words") as process:
         found = ctl(router, "split", "b.mcap")
@@ -262,7 +258,6 @@ def test_the_words_of_a_router_are_those_of_a_recorder_where_no_router_answers(r
         assert ctl(endpoint, "stop")["file"] == str(tmp_path / "c.mcap")
 
 
-@pytest.mark.rotating
 def test_a_bag_is_what_ros_2_tools_read(router: str, tmp_path: Path) -> None:
     from rosbags.highlevel import AnyReader
 
@@ -344,7 +339,6 @@ def test_the_profile_is_that_of_the_network_if_none_is_given(
         (["--type=x"], "not a topic and its type"),
     ],
 )
-@pytest.mark.rotating
 def test_what_is_wrong_is_said_before_anything_is_written(
     router: str, tmp_path: Path, arguments: list[str], text: str
 ) -> None:
@@ -361,7 +355,6 @@ def test_no_router_is_exit_code_4(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.rotating
 def test_keys_on_a_terminal(router: str, tmp_path: Path) -> None:
     master, slave = pty.openpty()
     shown = ""

@@ -60,7 +60,6 @@ def test_a_node_is_recorded_as_a_bag(python: Path, tmp_path: Path) -> None:
     assert channel.metadata["offered_qos_profiles"].startswith("- history: 1\n  depth: ")
 
 
-@pytest.mark.rotating
 def test_a_router_records_a_node_as_ros_tools_want_it(python: Path, tmp_path: Path) -> None:
     path = tmp_path / "router.mcap"
     with RouterProcess("--intercept=/chatter", f"--record={path}") as router:

@@ -155,7 +155,6 @@ def test_a_log_without_such_calls_is_told(tmp_path: Path, system: str, log: list
         pool.execute(UnitTrial("scaler"), TestCase())
 
 
-@pytest.mark.rotating
 def test_a_ros_client_that_waits_for_its_service_finds_the_recorded_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -89,7 +89,6 @@ for package in ("nav", "map"):
 """
 
 
-@pytest.mark.rotating
 def test_tests_of_each_package_have_a_router_of_their_own(tmp_path: Path) -> None:
     for package in ("nav", "map"):
         (tmp_path / package).mkdir()

@@ -182,7 +182,6 @@ def test_a_plain_router_is_what_we_think(plain: Seen) -> None:
     [(), ("--intercept=/chatter", "--intercept=/robot/answer", "--intercept=/map"), ("--intercept=/**",)],
     ids=["native", "intercepted", "everything"],
 )
-@pytest.mark.rotating
 def test_nodes_do_not_notice_riot(python: Path, plain: Seen, tmp_path: Path, options: tuple[str, ...]) -> None:
     with with_riot(*options) as endpoints:
         assert lived(python, endpoints, tmp_path) == plain
@@ -211,7 +210,6 @@ def joints(number: int) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("domain", [0, 42])
-@pytest.mark.rotating
 def test_nan_arrives_in_every_fifth_message_and_nothing_else_changes(python: Path, tmp_path: Path, domain: int) -> None:
     file = tmp_path / "every_fifth.py"
     file.write_text(EVERY_FIFTH)
@@ -274,7 +272,6 @@ def stamped(bystander: Puppet) -> Iterator[tuple[int, tuple[bytes, str]]]:
     yield from found()
 
 
-@pytest.mark.rotating
 def test_the_graph_speaks_names(python: Path, tmp_path: Path) -> None:
     with RouterProcess("--intercept=/chatter") as router, contextlib.ExitStack() as stack:
         system, unit = (

@@ -87,7 +87,6 @@ def token(puppet: Puppet, kind: str, qos: RosQos) -> str:
     return build_bridge_token(BridgeToken(puppet.zid, kind, "chatter", STRING, said))  # type: ignore[arg-type]
 
 
-@pytest.mark.rotating
 def test_bridges_of_dds_systems_are_injected_shown_recorded_and_played_by_name(tmp_path: Path) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN)

@@ -78,7 +78,6 @@ def test_dds_nodes_pass_through_the_router(tmp_path: Path, variables: dict[str, 
     assert len(found) >= 3
 
 
-@pytest.mark.rotating
 def test_all_in_one_domain_is_said(tmp_path: Path, variables: dict[str, str]) -> None:
     command = [variables["RIOT_ROS_PYTHON"], "tests.py"]
     options = ("--dds", "--interceptor=set field=linear.x value=nan select=/cmd_vel")
@@ -136,7 +135,6 @@ ready = { timeout = 90 }
 """
 
 
-@pytest.mark.rotating
 def test_parameters_of_a_node_are_set_before_each_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIOT_ROS_PYTHON", str(ros2_interpreter()))
     (tmp_path / "planner.py").write_text(PLANNER)

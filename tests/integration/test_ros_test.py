@@ -42,7 +42,6 @@ def test_one_field_that_is_no_number_is_seen_and_recorded(suite: Path) -> None:
     assert {message.payload for message in found if message.key == "pose"} == {b'{"x": NaN}'}
 
 
-@pytest.mark.rotating
 def test_sessions_that_would_look_for_others_by_scouting_use_the_router(tmp_path: Path) -> None:
     write_suite(tmp_path, config="zenoh.Config()")
     code, out, said = ros_test(tmp_path, "--unit-nodes=listener", "--interceptor", NAN)
@@ -51,7 +50,6 @@ def test_sessions_that_would_look_for_others_by_scouting_use_the_router(tmp_path
 
 
 @pytest.mark.parametrize("recorded", [[], ["--record=logs"]])
-@pytest.mark.rotating
 def test_who_is_in_one_segment_gets_nothing_of_riot_which_is_said(recorded: list[str], suite: Path) -> None:
     code, _, said = ros_test(suite, "--interceptor", NAN, *recorded)
     assert code == 0
@@ -61,7 +59,6 @@ def test_who_is_in_one_segment_gets_nothing_of_riot_which_is_said(recorded: list
     ]
 
 
-@pytest.mark.rotating
 def test_names_that_nobody_has(suite: Path) -> None:
     code, _, said = ros_test(suite, "--unit-nodes=listner", "--intercept=pose")
     assert (code, said[-1]) == (0, "  hint: no process is called 'listner'; started were: listener, talker")
@@ -72,7 +69,6 @@ def test_a_command_that_uses_no_router(tmp_path: Path) -> None:
     assert (code, said[1]) == (0, "NOTHING USED THIS ROUTER: no component has connected to it")
 
 
-@pytest.mark.rotating
 def test_an_injection_that_never_happens_is_said(suite: Path) -> None:
     (suite / "plan.toml").write_text('[[inject]]\ntopic = "pose"\nfield = "y"\nvalue = 1.0\n')
     code, _, said = ros_test(suite, "--unit-nodes=listener", "--inject=plan.toml")
@@ -81,7 +77,6 @@ def test_an_injection_that_never_happens_is_said(suite: Path) -> None:
     assert said[-1].startswith("NOTHING WAS INJECTED")
 
 
-@pytest.mark.rotating
 def test_an_interceptor_that_fails_on_each_message_is_said(suite: Path) -> None:
     code, _, said = ros_test(suite, "--unit-nodes=listener", "--interceptor", "set field=z value=1 select=pose")
     assert code == 0
@@ -90,7 +85,6 @@ def test_an_interceptor_that_fails_on_each_message_is_said(suite: Path) -> None:
     assert said[-1].startswith("NOTHING WAS CHANGED")
 
 
-@pytest.mark.rotating
 def test_recordings_go_by_folder_and_are_never_overwritten(suite: Path) -> None:
     for _ in range(2):
         ros_test(suite, "--record=logs", command=["true"])
@@ -136,7 +130,6 @@ def test_riot_exec_knows_the_segments(suite: Path) -> None:
     assert found["ZENOH_CONFIG"].endswith("/zenoh-unit.json5")
 
 
-@pytest.mark.rotating
 def test_the_router_is_its_own_whatever_riot_toml_says(suite: Path) -> None:
     (suite / "riot.toml").write_text(
         '[router]\nintercept = ["pose"]\ncontrol = ["robot"]\n'
@@ -150,7 +143,6 @@ def test_the_router_is_its_own_whatever_riot_toml_says(suite: Path) -> None:
 THIRD_PARTY = Path(__file__).with_name("third_party")
 
 
-@pytest.mark.rotating
 def test_the_environment_of_rmw_zenoh_is_read_by_others(python: Path, tmp_path: Path) -> None:
     for node in ("planner", "driver"):
         shutil.copy(THIRD_PARTY / "ros_node.py", tmp_path / f"{node}.py")

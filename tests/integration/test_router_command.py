@@ -65,7 +65,6 @@ def test_a_router_on_sockets_in_a_folder_of_its_user_listens_nowhere_else(tmp_pa
         assert log.stat().st_mode & 0o777 == 0o600
 
 
-@pytest.mark.rotating
 def test_the_sockets_of_a_router_that_was_killed_are_removed_by_the_next_one(tmp_path: Path) -> None:
     own = {"TMPDIR": str(tmp_path)}
     with running(environment=own) as router:

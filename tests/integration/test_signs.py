@@ -38,7 +38,6 @@ GATE = (
 
 @pytest.mark.parametrize("seed", range(scaled(CAMPAIGNS)))
 @pytest.mark.parametrize("kind", chosen(FAULTY, gate=FAULTY.keys() & GATE))
-@pytest.mark.rotating
 def test_a_fault_is_found_and_named(tmp_path: Path, kind: str, seed: int) -> None:
     if missing(kind):
         pytest.skip(f"NOT TESTED: native faults: there is no {missing(kind)}")
@@ -71,7 +70,6 @@ def test_a_fault_is_found_and_named(tmp_path: Path, kind: str, seed: int) -> Non
 
 @pytest.mark.parametrize("seed", range(scaled(CAMPAIGNS)))
 @pytest.mark.parametrize("kind", chosen(ROBUST, gate=set(ROBUST) & set(GATE)))
-@pytest.mark.rotating
 def test_a_robust_unit_has_no_finding(tmp_path: Path, kind: str, seed: int) -> None:
     with Workspace(write(tmp_path), tmp_path / "out", jobs=2, seed=seed) as workspace:
         assert run_campaign(workspace, kind, trials=TRIALS, seconds=None, covered=False) == []
@@ -93,7 +91,6 @@ def between_modes(x: float, *, mode: int) -> tuple[Message, ...]:
     )
 
 
-@pytest.mark.rotating
 def test_a_failure_that_depends_on_the_order_of_two_topics_is_confirmed_in_order(tmp_path: Path) -> None:
     signature = f'crash in {ORDER}: handle: raise ValueError("bad while the mode is 1")'
     with Workspace(write(tmp_path), tmp_path / "out", jobs=2) as workspace:
@@ -138,7 +135,6 @@ def test_a_probe_that_makes_a_unit_fail_can_be_left_out(tmp_path: Path, unprobed
     assert [outcome.verdict is Verdict.FAIL for outcome in outcomes] == [not unprobed, True]
 
 
-@pytest.mark.rotating
 def test_a_unit_that_is_busy_taking_memory_does_not_hang(tmp_path: Path) -> None:
     """It takes longer to have too much than a unit may be busy, as on a loaded machine."""
     system = write(tmp_path, ["takes_all_memory"])
@@ -178,7 +174,6 @@ class Mute:
 """
 
 
-@pytest.mark.rotating
 def test_monitors_that_cannot_judge_are_told_and_nothing_is_called_passed(tmp_path: Path) -> None:
     path = write(tmp_path)
     (tmp_path / "mute.py").write_text(MUTE)
@@ -206,7 +201,6 @@ class Kills:
 """
 
 
-@pytest.mark.rotating
 def test_a_case_that_kills_its_worker_is_told_and_not_passed_and_the_campaign_goes_on(tmp_path: Path) -> None:
     """An injected trial of this seed is without the first command."""
     path = write(tmp_path)

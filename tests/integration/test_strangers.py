@@ -232,7 +232,6 @@ def test_each_command_stands_in_the_table_and_is_tried() -> None:
 @pytest.mark.parametrize(
     "command", [pytest.param(one, marks=pytest.mark.nightly if one in OF_THE_NETWORK else ()) for one in sorted(LINES)]
 )
-@pytest.mark.rotating
 def test_nothing_of_a_stranger_s_folder_is_executed(stranger: Stranger, tmp_path: Path, command: str) -> None:
     """Commands that execute nothing work in that folder itself; others where there is no riot.toml, then the user's."""
     safe = promised()[command] == NOTHING

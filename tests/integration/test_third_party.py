@@ -103,7 +103,6 @@ def exchanged(talker: RosNode, listener: RosNode, topic: str, hello: Any, messag
 
 
 @WAYS
-@pytest.mark.rotating
 def test_topics_and_services_cross_unchanged(python: Path, tmp_path: Path, way: str) -> None:
     how, mode = way.split("-")
     options = ["--intercept=/chatter", "--intercept=/answer"] if how == "intercepted" else []
@@ -128,7 +127,6 @@ def test_topics_and_services_cross_unchanged(python: Path, tmp_path: Path, way: 
 
 
 @MODES
-@pytest.mark.rotating
 def test_injected_values_arrive_exactly_and_the_rest_unchanged(python: Path, tmp_path: Path, mode: str) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN)
@@ -149,7 +147,6 @@ def test_injected_values_arrive_exactly_and_the_rest_unchanged(python: Path, tmp
 
 
 @WAYS
-@pytest.mark.rotating
 def test_late_subscriber_gets_what_was_latched(python: Path, tmp_path: Path, way: str) -> None:
     how, mode = way.split("-")
     intercepted = how == "intercepted"
@@ -175,7 +172,6 @@ def test_late_subscriber_gets_what_was_latched(python: Path, tmp_path: Path, way
         assert unit.errors() == ""
 
 
-@pytest.mark.rotating
 def test_graph_names_the_nodes_and_their_topics(python: Path, tmp_path: Path) -> None:
     with RouterProcess("--intercept=/chatter") as router, nodes(python, router, tmp_path, "client") as (system, unit):
         key = connect(system, unit, "/chatter", {"data": HELLO})
@@ -217,7 +213,6 @@ where = "sum == 5"
 
 @MODES
 @pytest.mark.parametrize("by_plan", [True, False], ids=["by plan", "by option"])
-@pytest.mark.rotating
 def test_services_are_intercepted_by_name_and_recorded(
     python: Path, tmp_path: Path, *, mode: str, by_plan: bool
 ) -> None:

@@ -135,7 +135,6 @@ def test_who_is_who_it_should_be_is_let_in(keys: Path) -> None:
 
 
 @pytest.mark.parametrize("name", chosen(ROUTERS, gate=("elsewhere", "stranger")))
-@pytest.mark.rotating
 def test_a_router_that_is_not_who_it_should_be_is_refused(keys: Path, tmp_path: Path, name: str) -> None:
     with router(keys, name) as found:
         endpoint = found.endpoints["system"]
@@ -147,7 +146,6 @@ def test_a_router_that_is_not_who_it_should_be_is_refused(keys: Path, tmp_path: 
 
 
 @pytest.mark.parametrize("name", chosen(CLIENTS, gate=("", "expired")))
-@pytest.mark.rotating
 def test_a_client_that_is_not_who_it_should_be_is_refused(keys: Path, tmp_path: Path, name: str) -> None:
     with mutual(keys) as found:
         endpoint = found.endpoints["system"]

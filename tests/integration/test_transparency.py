@@ -20,7 +20,6 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.integration
 @pytest.mark.parametrize("scenario", SCENARIOS.values(), ids=str)
-@pytest.mark.rotating
 def test_the_bus_is_not_noticed(scenario: Scenario, certificates: Path) -> None:
     outcomes = [run_scenario(scenario, way, folder=certificates) for way in OURS]
     if outcomes[0].skipped is not None:

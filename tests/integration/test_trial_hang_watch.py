@@ -77,7 +77,6 @@ def outcomes(
 
 
 @pytest.mark.parametrize("kind", chosen(("busy", "livelock", "deadlock"), gate=("busy",)))
-@pytest.mark.rotating
 def test_a_hang_that_was_seen_is_told_sooner_with_the_same_signature(tmp_path: Path, kind: str) -> None:
     first, *others = outcomes(tmp_path, kind, ["1e9", "1e9", "null"])
     for outcome in (first, *others):

@@ -114,7 +114,6 @@ def seen(outcome: Outcome, name: str = "y") -> set[object]:
 
 
 @pytest.mark.parametrize("style", ["rmw", "bridge"])
-@pytest.mark.rotating
 def test_each_run_of_a_process_that_goes_on_has_its_own_value(tmp_path: Path, style: str) -> None:
     outcomes = runs(tmp_path, [None, 3.0, 11.0, -1, None], style=style)
     assert [one.verdict for one in outcomes] == [Verdict.PASS] * 5, [one.detail for one in outcomes]
@@ -125,21 +124,18 @@ def test_each_run_of_a_process_that_goes_on_has_its_own_value(tmp_path: Path, st
     assert outcomes[2].detail == "param:gain: /planner refused 11.0: at most 10"
 
 
-@pytest.mark.rotating
 def test_a_node_that_dies_of_a_value_has_failed(tmp_path: Path) -> None:
     outcomes = runs(tmp_path, [7.0, None])
     assert [one.verdict for one in outcomes] == [Verdict.FAIL, Verdict.PASS]
     assert "SIGABRT" in outcomes[0].violations[0].signature
 
 
-@pytest.mark.rotating
 def test_virtual_time_begins_when_the_value_is_set(tmp_path: Path) -> None:
     clock = SYSTEM.replace("reset = { topic", "clock.reset = { topic")
     outcomes = runs(tmp_path, [3.0, None], clock)
     assert [seen(one) for one in outcomes] == [{3.0}, {2.0}], [one.detail for one in outcomes]
 
 
-@pytest.mark.rotating
 def test_a_nominal_value_that_is_refused_and_a_node_that_is_not_there_are_told(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"/planner refuses the nominal value 12.0: at most 10"):
         runs(tmp_path, [None], SYSTEM.replace("nominal = 2.0", "nominal = 12.0"))
@@ -208,7 +204,6 @@ ready = { timeout = 60 }
 
 
 @pytest.mark.parametrize("autopilot", [3, 12], ids=["integers become floats", "integers keep their bytes"])
-@pytest.mark.rotating
 def test_parameters_of_a_vehicle(tmp_path: Path, autopilot: int) -> None:
     pytest.importorskip("pymavlink")
     (tmp_path / "vehicle.py").write_text(VEHICLE)

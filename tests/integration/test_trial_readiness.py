@@ -97,7 +97,6 @@ def test_a_component_is_waited_for(tmp_path: Path, ready: str) -> None:
         ('command = ["sleep", "60"]', "is not ready: 'sleep' has not ended within 5 s"),
     ],
 )
-@pytest.mark.rotating
 def test_what_does_not_come_is_told_after_its_own_timeout(tmp_path: Path, ready: str, words: str) -> None:
     with socket.socket() as held:
         held.bind(("127.0.0.1", 0))  # nobody listens there, nor can another test

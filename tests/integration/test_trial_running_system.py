@@ -102,7 +102,6 @@ def seen(outcome: Outcome, name: str = "total:total") -> list[object]:
     return list(outcome.observed[name].values)[: COUNT - 1]
 
 
-@pytest.mark.rotating
 def test_what_external_components_say_reaches_processes_that_go_on(tmp_path: Path) -> None:
     more, fatal = Injection("in", "x", 3), Injection("in", "x", 60)
     cases = [TestCase(), TestCase(injections=(more,), seed=1), TestCase(injections=(fatal,)), TestCase(), TestCase()]
@@ -129,7 +128,6 @@ def test_a_log_that_is_played_reaches_processes_that_go_on(tmp_path: Path, syste
     assert pids[0] == pids[1] == pids[2]
 
 
-@pytest.mark.rotating
 def test_what_fails_after_other_runs_alone_has_not_failed(tmp_path: Path) -> None:
     """Its reset is forgotten, so it dies in a second run with 60 in all in each."""
     cases = [TestCase(injections=(Injection("in", "x", 12),), seed=number) for number in range(3)]
@@ -146,7 +144,6 @@ def test_a_command_may_reset(tmp_path: Path) -> None:
     assert (tmp_path / "slots").read_text() == "0\n0\n"
 
 
-@pytest.mark.rotating
 def test_a_reset_that_does_not_work_is_told(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no component has subscribed to 'rest'"):
         totals(tmp_path, [TestCase()] * 2, SYSTEM.replace('topic = "reset"', 'topic = "rest"'))

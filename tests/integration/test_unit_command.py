@@ -25,7 +25,6 @@ cwd = "debug"
 """
 
 
-@pytest.mark.rotating
 def test_the_units_own_command_runs_alone_and_the_components_in_the_system(tmp_path: Path) -> None:
     path = write(tmp_path, ["echoes"])
     (tmp_path / "debug").mkdir()

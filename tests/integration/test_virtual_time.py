@@ -98,7 +98,6 @@ def run(folder: Path, times: int) -> tuple[list[Outcome], list[list[tuple[int, s
     return outcomes, [[(one.time, one.key, one.payload) for one in read_log(log)] for log in logs]
 
 
-@pytest.mark.rotating
 def test_a_run_is_the_same_each_time_though_components_race(tmp_path: Path) -> None:
     outcomes, logs = run(tmp_path, scaled(20, gate=4))
     assert {one.verdict for one in outcomes} == {Verdict.PASS}
@@ -123,7 +122,6 @@ def run_one(folder: Path, system: str, node: str) -> Outcome:
     ("topic", "words"),
     [("clok", "no component has subscribed to 'clok'"), ("*/x", "'*/x' does not stand for a single key")],
 )
-@pytest.mark.rotating
 def test_a_clock_that_nobody_hears_is_told(tmp_path: Path, topic: str, words: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(words)):
         run_one(tmp_path, SYSTEM.replace('topic = "clock"', f'topic = "{topic}"'), NODE)

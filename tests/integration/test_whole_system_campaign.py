@@ -21,7 +21,6 @@ from tests.integration.test_activation_by_signs import DIAL, SIGNATURES, write
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
 
-@pytest.mark.rotating
 def test_what_comes_from_outside_makes_the_unit_end(tmp_path: Path) -> None:
     with Workspace(write(tmp_path, "exit"), tmp_path / "out", jobs=2) as workspace:
         (folder,) = run_campaign(workspace, "pump", trials=8, seconds=None, covered=False, whole_system=True)

@@ -416,7 +416,6 @@ def test_whatever_comes_passes_and_is_counted(make, name, data):
 @pytest.mark.parametrize("name", sorted(OPTIONS))
 @settings(deadline=None, max_examples=scaled(30))
 @given(data=st.data())
-@pytest.mark.rotating
 def test_seed_and_content_decide_and_not_the_order_of_topics(make, name, data):
     rows, targets = data.draw(ROWS), data.draw(TARGETS)
     options = data.draw(OPTIONS[name]) | data.draw(CONDITIONS)

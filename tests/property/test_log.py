@@ -1,7 +1,6 @@
 import tempfile
 from pathlib import Path
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -97,7 +96,6 @@ def check_cut(path, whole, size, log):
         return len(found)
 
 
-@pytest.mark.rotating
 def test_cut_at_every_byte(tmp_path):
     path = tmp_path / "a.mcap"
     log = [Message(n, "ab"[n % 2], b"payload %d" % n, attachment=b"%d" % n, sequence=n) for n in range(9)]

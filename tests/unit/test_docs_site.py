@@ -6,8 +6,6 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import pytest
-
 from tests.interop import MKDOCS, require
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,7 +24,6 @@ def test_it_builds_without_warnings(tmp_path: Path) -> None:
     assert 'href="tutorial/"' in (tmp_path / "site" / "index.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.rotating
 def test_a_link_that_leads_nowhere_is_told(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "docs", tmp_path / "docs")
     for name in ("mkdocs.yml", *(path.name for path in ROOT.glob("*.md"))):

@@ -30,7 +30,6 @@ def test_each_kind_of_plug_in_has_a_place_on_the_page() -> None:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-@pytest.mark.rotating
 def test_an_example_works_as_printed(name: str, tmp_path: Path) -> None:
     code, tests = EXAMPLES[name]
     assert len(code.splitlines()) <= 40

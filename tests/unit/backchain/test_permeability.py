@@ -77,7 +77,6 @@ def test_the_share_that_would_have_shown_is_told_where_nothing_was_found():
     assert edge(0.99, 0).detectable is None
 
 
-@pytest.mark.rotating
 def test_benchmark_table_power_and_false_discoveries():
     def response(held, rng):
         noise = np.zeros(SAMPLES)
@@ -152,7 +151,6 @@ def test_one_value_per_run_is_a_single_run_with_one_sample_per_system_run():
     assert names(result) == {"ext2"}
 
 
-@pytest.mark.rotating
 def test_a_field_whose_first_value_counts_is_suspected_and_few_others_are():
     def response(held, rng):
         return held[0][0] + 0.3 * held[1] + 0.1 * rng.normal(size=SAMPLES)

@@ -115,7 +115,6 @@ def test_constant_inputs_that_are_used_up_give_way_at_once() -> None:
     assert len(asked) == 12
 
 
-@pytest.mark.rotating
 def test_on_a_plateau_fields_are_combined() -> None:
     """The speed only counts in the third gear: no field alone comes nearer."""
 

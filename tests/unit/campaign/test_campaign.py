@@ -58,7 +58,6 @@ def test_brittle_fields_are_left_alone_unless_asked_for() -> None:
     assert {target.path for target in targets_of(LOG, TypeRegistry(), leave=["cmd:mo*"])["cmd"]} == {"speed"}
 
 
-@pytest.mark.rotating
 def test_schedule_depends_on_seed_and_trial_alone() -> None:
     drawn = [schedule().injections(trial) for trial in range(20)]
     for trial in reversed(range(20)):

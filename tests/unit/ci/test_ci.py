@@ -80,7 +80,6 @@ def test_a_fix_is_told_and_nothing_else_is_claimed(tmp_path: Path) -> None:
     assert FindingRecord.load(folder).fixed_in == unit.view.fingerprint
 
 
-@pytest.mark.rotating
 def test_what_was_fixed_and_comes_back_is_new_and_no_campaign_is_needed(tmp_path: Path) -> None:
     repository = Repository(tmp_path)
     (folder,) = (one.directory for one in repository.change().failures)
@@ -190,7 +189,6 @@ def test_a_unit_that_always_fails_is_a_finding(tmp_path: Path) -> None:
     assert repository.change().exit_code(strict=False) == 1
 
 
-@pytest.mark.rotating
 def test_a_long_test_goes_on_and_explains(tmp_path: Path) -> None:
     repository = Repository(tmp_path)
     unit = repository.one(CiPlan(60.0, stop_early=False, explain=True, trials=40))
@@ -201,7 +199,6 @@ def test_a_long_test_goes_on_and_explains(tmp_path: Path) -> None:
     assert (one.permeability, one.activation) == (None, None)
 
 
-@pytest.mark.rotating
 def test_time_that_is_over_is_told(tmp_path: Path) -> None:
     repository = Repository(tmp_path)
     repository.change()
@@ -262,7 +259,6 @@ def test_a_units_folder_is_inside_whatever_it_is_called(name: str, tmp_path: Pat
     assert unit_folder(tmp_path, f"{name}_") != folder
 
 
-@pytest.mark.rotating
 def test_the_output_folder_does_not_grow_with_each_change(tmp_path: Path) -> None:
     repository = Repository(tmp_path)
     repository.accept(*(one.directory for one in repository.change().failures))

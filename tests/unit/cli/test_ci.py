@@ -55,7 +55,6 @@ def test_findings_are_not_kept_elsewhere(repository: Path) -> None:
 
 
 @pytest.mark.integration
-@pytest.mark.rotating
 def test_a_unit_that_does_not_start_fails_no_build_unless_it_is_strict(repository: Path) -> None:
     write_nominal(repository)
     (repository / "riot.toml").write_text(LOGGED.replace('["drive"]', '["false"]'))

@@ -65,7 +65,6 @@ def error_of(*words: str) -> str:
 @pytest.mark.parametrize(
     "words", COMMANDS, ids=lambda words: f"{words[0]}-{words.index(next(w for w in words if 'BAD' in w))}"
 )
-@pytest.mark.rotating
 def test_every_command_refuses_what_is_no_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], kind: str
 ) -> None:

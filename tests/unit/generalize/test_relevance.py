@@ -84,7 +84,6 @@ def test_values_are_compared_by_their_bits() -> None:
     assert {field.name for field in result.fields} == {"zero", "flag"}
 
 
-@pytest.mark.rotating
 def test_five_thousand_fields_take_few_trials() -> None:
     fields = with_others(
         FieldSpace("x", -1, 4, (1, 2)), FieldSpace("a", 3, None, (4, 5)), FieldSpace("b", 3, None, (4, 5)), count=4997

@@ -54,7 +54,6 @@ def accuracy(learned: LearnedRule, variables: list[Variable], fails: Callable[[V
     ("limit", "start", "seed"),
     [(4194304, -1, 0), (10**6, INT_MIN, 1), (2**31, INT_MAX, 2), (250_000, -1, 3), (4194304, INT_MAX, 4)][: scaled(5)],
 )
-@pytest.mark.rotating
 def test_the_rule_of_the_paper_is_found_exactly(limit: int, start: int, seed: int) -> None:
     def fails(v: Values) -> bool:
         product = v["/map_updates:x"] * v["/map_updates:y"]
@@ -125,7 +124,6 @@ WIDTH = Variable("w", "int32", 200, (), tuple(range(100, 400, 17)), DICTIONARY)
         ),
     ],
 )
-@pytest.mark.rotating
 def test_shapes(variables: list[Variable], fails: Callable[[Values], bool], text: str | None) -> None:
     learned = learn_rule(variables, Recorder(fails), seed=1, budget=120, validation=30)
     assert accuracy(learned, variables, fails) >= 0.99
@@ -158,7 +156,6 @@ def test_an_enumeration_is_completed(known: tuple[int, ...], seed: int) -> None:
     assert learned.rule.text() == f"gear not in {known}"
 
 
-@pytest.mark.rotating
 def test_one_case_that_the_simplest_rule_misses_is_explained() -> None:
     """Of the state 4 there is one case; two literals more cost as much as a mistake."""
     variables = [
@@ -261,7 +258,6 @@ def test_types() -> None:
         ),
     ],
 )
-@pytest.mark.rotating
 def test_shapes_of_the_wider_language(variables: list[Variable], fails: Callable[[Values], bool], text: str) -> None:
     chance = random.Random(5)
     draws = ({**{v.name: chance.choice(interesting(v)) for v in variables}} for _ in range(2000))
@@ -366,7 +362,6 @@ def test_a_limit_of_two_values_at_once_is_found_within_a_larger_rule() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.rotating
 def test_a_limit_on_one_side_is_told_from_one_on_both(seed: int) -> None:
     """Where few trials meet the rest of the rule, chance alone seldom changes the sign of the value in it."""
     dictionary = tuple(each.value for each in load_dictionary().values_for("float64", "cmd:x"))
@@ -399,7 +394,6 @@ class Rarely:
         return self.trials.decide(asked, doubt=0.05, doing="deciding", priors=priors)
 
 
-@pytest.mark.rotating
 def test_of_a_rare_failure_what_is_expected_takes_few_trials_and_what_is_not_is_asked_again() -> None:
     def fails(v: Values) -> bool:
         return bool(v["x"] != v["x"] or abs(v["x"]) > 1e6)

@@ -39,7 +39,6 @@ def test_nothing_is_claimed_without_trials() -> None:
 
 
 @pytest.mark.parametrize(("share", "inside", "outside"), [(0.3, 0.95, 0.02), (0.05, 0.9, 0.01), (0.6, 1.0, 0.1)])
-@pytest.mark.rotating
 def test_intervals_cover(share: float, inside: float, outside: float) -> None:
     """Precision and recall of a rule with known rates of failure inside and outside of it."""
     chance = np.random.default_rng(7)

@@ -94,7 +94,6 @@ def mined(first: int = 0) -> Mined:
     return checked(mine(histories), others, trials=6)
 
 
-@pytest.mark.rotating
 def test_false_alarms_in_at_most_one_of_a_hundred_nominal_trials() -> None:
     """Five times rules are mined, each is held against 100 trials, those of a double history among them."""
     alarms = 0

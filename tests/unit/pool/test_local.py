@@ -106,7 +106,6 @@ def interrupt_after() -> Iterator[Callable[[float], None]]:
     signal.signal(signal.SIGUSR1, former)
 
 
-@pytest.mark.rotating
 def test_a_signal_at_any_moment_leaves_no_lock_that_holds_up_the_end(
     tmp_path: Path, interrupt_after: Callable[[float], None]
 ) -> None:

@@ -37,7 +37,6 @@ def test_of_too_much_the_begin_and_the_end_are_read(tmp_path: Path, monkeypatch:
     assert one.unread == 3
 
 
-@pytest.mark.rotating
 def test_a_thread_that_waits_for_the_supervisor_does_not_delay_the_end(tmp_path: Path) -> None:
     problems: list[EnvironmentFaultError] = []
 

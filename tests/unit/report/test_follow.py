@@ -69,7 +69,6 @@ def test_a_campaign_is_reported_as_it_goes_on(tmp_path: Path) -> None:
     assert [path.name for path in one.xml.parent.iterdir()] == ["riot.xunit.xml"], "no half of a file is left"
 
 
-@pytest.mark.rotating
 def test_findings_that_are_there_already_are_taken_through_the_chain(tmp_path: Path) -> None:
     first = Bench(tmp_path)
     with first.follower, first.workspace() as workspace:

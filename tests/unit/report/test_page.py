@@ -156,7 +156,6 @@ def test_that_no_field_was_confirmed_is_no_claim_that_none_matters(
     assert "whatever their fields hold" not in text
 
 
-@pytest.mark.rotating
 def test_messages_that_are_not_proven_to_be_needed_are_called_kept(finding: Path) -> None:
     assert "is needed: without it the failure goes away" in flat(read(finding))
     MinimalRecord.load(finding).model_copy(update={"one_minimal": False}).save(finding)
@@ -165,7 +164,6 @@ def test_messages_that_are_not_proven_to_be_needed_are_called_kept(finding: Path
     assert "needed:" not in text
 
 
-@pytest.mark.rotating
 def test_what_logs_alone_say_is_told_as_riot_backchain_tells_it(finding: Path) -> None:
     assert "backtrack" not in read(finding).ids
     RECORD.save(finding)
@@ -242,7 +240,6 @@ def test_finding_is_needed(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.rotating
 def test_what_gets_through_on_the_way_is_told_and_nothing_where_nobody_looked(finding: Path) -> None:
     assert "most permeable path" not in flat(read(finding))
     record = PermeabilityRecord.load(finding)
@@ -289,7 +286,6 @@ def test_a_rule_that_was_met_without_a_failure_is_told_as_such(finding: Path) ->
     assert "came within" not in text
 
 
-@pytest.mark.rotating
 def test_parameters_that_were_found_are_named_with_the_replay(finding: Path) -> None:
     assert "activation.mcap goes in." in flat(read(finding))
     ActivationRecord.load(finding).model_copy(update={"found": {"param:planner/inflation": 3.0}}).save(finding)
@@ -361,7 +357,6 @@ def test_links_stay_below_the_page(finding: Path, log: str) -> None:
         assert ":" not in target
 
 
-@pytest.mark.rotating
 def test_huge_records_make_a_small_page(finding: Path) -> None:
     poison(finding, "<&" * 20_000)
     fields = json.loads((finding / "fields.json").read_text())
@@ -371,7 +366,6 @@ def test_huge_records_make_a_small_page(finding: Path) -> None:
     assert write_report(finding).stat().st_size < 1_500_000
 
 
-@pytest.mark.rotating
 def test_many_points_make_a_small_page(finding: Path) -> None:
     for name, key in (("activation.json", "points"), ("rule.json", "samples")):
         record = json.loads((finding / name).read_text())

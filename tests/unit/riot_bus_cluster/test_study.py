@@ -48,7 +48,6 @@ def url(tmp_path: Path) -> str:
     return f"sqlite:///{tmp_path / 'studies.db'}"
 
 
-@pytest.mark.rotating
 def test_a_search_asks_for_nothing_that_another_has_asked_for(url: str) -> None:
     first, found = search(url, limit=2000.0, seed=1, budget=25)
     assert (len(first), found) == (25, False)
@@ -69,7 +68,6 @@ def test_what_failed_in_another_search_is_tried_first(url: str) -> None:
     assert search(url, limit=150.0, seed=2, budget=200) == ([asked[-1]], True)
 
 
-@pytest.mark.rotating
 def test_inputs_that_vary_in_time_are_kept_too(url: str) -> None:
     varied = VariedInputs(FIELDS[:1], 6.0, [120])
     study, seen = Study(url, "varies"), []

@@ -121,7 +121,6 @@ def test_moments_are_the_least_and_a_second_apart(tmp_path: Path) -> None:
     assert first.words(found.start) == "3.000 s, 2 away: a:x = 9.0"
 
 
-@pytest.mark.rotating
 def test_a_hundred_logs_come_in_the_order_of_their_near_misses_and_no_other_is_one(tmp_path: Path) -> None:
     draw = random.Random(7)
     planted = {number: 9.99 - 0.06 * rank for rank, number in enumerate(draw.sample(range(100), 12))}

@@ -74,7 +74,6 @@ def test_each_operation_has_a_form() -> None:
     assert {*OPERATIONS, "variable", "constant"} == set(ALL)
 
 
-@pytest.mark.rotating
 def test_it_agrees_with_the_rule(tmp_path: Path) -> None:
     needs_compiler()
     by_kind: dict[str, list[Literal]] = {}

@@ -53,7 +53,6 @@ def agree(rule: Rule, table: list[list[Any]]) -> int:
     return moved
 
 
-@pytest.mark.rotating
 def test_it_agrees_with_the_rule() -> None:
     table = rows(30, seed=5)
     assert sum(agree(rule, table) for rule in itertools.islice(every_rule(size=2), 0, None, 3)) > 100

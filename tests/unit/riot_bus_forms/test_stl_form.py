@@ -36,7 +36,6 @@ def test_the_paper_s_rule() -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(FEATURE_KINDS))
-@pytest.mark.rotating
 def test_it_is_violated_exactly_where_the_rule_holds(kind: str) -> None:
     need_rtamt()
     types = {"a:i32": "int32", "a:f64": "float64", "a:flag": "bool", "a:mode": "string"}

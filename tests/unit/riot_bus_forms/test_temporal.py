@@ -107,7 +107,6 @@ def seconds(values: dict[str, list[int]], length: int) -> TrialView:
 
 @settings(max_examples=150, deadline=None)
 @given(FORMULAS, st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=9), st.booleans())
-@pytest.mark.rotating
 def test_it_says_what_a_plain_evaluator_says(formula: Formula, rows: list[tuple[int, int]], everywhere: bool) -> None:
     values = {"x": [x for x, _ in rows], "y": [y for _, y in rows]}
     text = f"always {texts(formula)}" if everywhere else texts(formula)

@@ -97,7 +97,6 @@ def test_patch_each_field_with_ten_values(version):
     _patch_all(messages("all"), Oracle("all", version), signer=None)
 
 
-@pytest.mark.rotating
 def test_patch_signed():
     _patch_all(messages("common"), Oracle("common", key=KEY), signer=Signer(KEY))
 

@@ -125,7 +125,6 @@ def test_files_that_are_ignored_are_found(tmp_path):
         conformance(Silent()).test_a_file_that_is_not_there(tmp_path)
 
 
-@pytest.mark.rotating
 def test_names_and_schemas_and_tokens_that_raise_are_found():
     with pytest.raises(KeyError):
         conformance(FragileNames()).test_unknown_names_return_none()

@@ -245,7 +245,6 @@ def test_settling(launcher: Launcher, start: Start) -> None:
     assert wait_settled(Threads([busy.pid]), window=0.05, timeout=20, alive=lambda: False)
 
 
-@pytest.mark.rotating
 def test_what_a_component_has_started_counts_too(start: Start) -> None:
     busy = "import sys; print(flush=True)\nwhile True: pass"
     code = f"import subprocess,sys,time; subprocess.Popen([sys.executable,'-S','-c',{busy!r}]); time.sleep(60)"

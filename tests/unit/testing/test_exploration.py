@@ -29,7 +29,6 @@ def test_what_it_finds_is_the_failure_with_the_minimal_log_the_rule_and_the_line
     assert "again     riot reproduce " in text
 
 
-@pytest.mark.rotating
 def test_what_was_explored_costs_nothing_again(tmp_path: Path) -> None:
     with pytest.raises(AssertionError) as first:
         explored(bench(tmp_path))

@@ -71,7 +71,6 @@ def idle_of(pid: int, seconds: float = 0.5) -> Idle:
     return idle_between(before, threads.activity(), seconds=time.monotonic() - begin)
 
 
-@pytest.mark.rotating
 def test_waiting_for_a_processor_is_no_hang(start: Start) -> None:
     for _ in range(RIVALS):
         start(SPIN)
@@ -95,7 +94,6 @@ def test_timers_on_a_busy_machine_are_no_work(start: Start) -> None:
     assert wait_settled(Threads([ticker]), window=0.15, timeout=5.0, idle=idle)
 
 
-@pytest.mark.rotating
 def test_work_beside_timers_is_work(start: Start) -> None:
     ticker = start(TICK)
     idle = idle_of(ticker)

@@ -48,7 +48,6 @@ def lists(levels):
 
 
 @pytest.mark.parametrize(("kind", "encode"), DOCUMENTS)
-@pytest.mark.rotating
 def test_documents_of_nested_lists(kind, encode):
     assert len(kind().leaves(encode(lists(3)))) == 16**3 + 16**2 + 16 + 1
     payload = encode(lists(5))
@@ -65,7 +64,6 @@ def test_documents_with_a_long_name_around_many_fields(kind, encode):
         kind().leaves(payload)
 
 
-@pytest.mark.rotating
 def test_ros_messages_of_nested_types():
     kind = nested(40, "uint8 x")
     payload = b"\0\1\0\0" + bytes(4 * MOST_LEAVES)
@@ -143,7 +141,6 @@ def test_definitions_of_a_log_are_parsed_up_to_a_limit(monkeypatch):
     )
 
 
-@pytest.mark.rotating
 def test_small_elements_of_protobuf_with_many_fields_that_are_not_on_the_wire():
     descriptor = pytest.importorskip("google.protobuf.descriptor_pb2")
     from riot_bus_protobuf.kind import ProtobufType

@@ -152,7 +152,6 @@ def test_a_point_that_replays_seldom_gives_way_to_one_farther_inside(tmp_path: P
     }
 
 
-@pytest.mark.rotating
 def test_runs_that_were_held_up_and_say_nothing_are_repeated(tmp_path: Path, slow: dict[str, Any]) -> None:
     records, late = [], list[TestCase]()
     for held_up in (0.0, 9.0):
@@ -208,7 +207,6 @@ def warm(messages: Sequence[Message]) -> int | None:
     return next((place for place, message in enumerate(messages) if said(message)["speed"] < -5), None)
 
 
-@pytest.mark.rotating
 def test_a_zone_that_is_no_box_is_told_by_a_rule_that_is_tested(tmp_path: Path, slow: dict[str, Any]) -> None:
     strengths = ("panel:knob", 0.9), ("panel:heat", 0.8)
     one = ready(tmp_path, slow, *strengths, governor=leaning, system_fails=warm)
@@ -244,7 +242,6 @@ def test_failures_of_another_kind_are_not_the_one_that_is_looked_for(tmp_path: P
 
 
 @pytest.mark.parametrize("seed", range(scaled(50, gate=4)))
-@pytest.mark.rotating
 def test_no_system_is_activated_that_fails_by_itself(tmp_path: Path, slow: dict[str, Any], seed: int) -> None:
     one = ready(
         tmp_path,
@@ -258,7 +255,6 @@ def test_no_system_is_activated_that_fails_by_itself(tmp_path: Path, slow: dict[
     assert (record.found, record.region) == (None, None)
 
 
-@pytest.mark.rotating
 def test_a_failure_that_comes_three_times_of_ten_is_activated(tmp_path: Path, slow: dict[str, Any]) -> None:
     drawn = random.Random(1)
     one = ready(tmp_path, slow, system_fails=lambda made: hangs(made) if drawn.random() < 0.3 else None)
@@ -318,7 +314,6 @@ def after_a_pulse(readings: Sequence[Message]) -> list[Message]:
 
 
 @pytest.mark.parametrize("seed", range(scaled(10, gate=2)))
-@pytest.mark.rotating
 def test_inputs_vary_in_time_where_constant_ones_do_not_suffice(
     tmp_path: Path, slow: dict[str, Any], seed: int
 ) -> None:
@@ -415,7 +410,6 @@ STATED = '[external.values]\n"panel:gear" = ["first", "second", "reverse"]\n\n[e
 GEARS = LOGGED.replace("[external.ranges]", STATED)
 
 
-@pytest.mark.rotating
 def test_texts_that_riot_toml_states_are_driven_and_named(tmp_path: Path, slow: dict[str, Any]) -> None:
     with LogWriter(tmp_path / "nominal.mcap") as writer:
         readings = [
@@ -554,7 +548,6 @@ profile = { nominal = "calm", values = ["calm", "sport"] }
 [external.ranges]"""
 
 
-@pytest.mark.rotating
 def test_parameters_of_commands_are_inputs_like_fields(tmp_path: Path, slow: dict[str, Any]) -> None:
     """The drive is only driven backwards by another gain, in another profile."""
     write_nominal(tmp_path)
@@ -652,7 +645,6 @@ def test_messages_that_are_late_or_lost_are_inputs(tmp_path: Path, slow: dict[st
     assert not (one.folder / "region").exists(), "no log has such fields"
 
 
-@pytest.mark.rotating
 def test_a_search_may_be_shared_as_a_study(tmp_path: Path, slow: dict[str, Any]) -> None:
     importable(OPTUNA, "optuna")
     url = f"sqlite:///{tmp_path / 'studies.db'}"

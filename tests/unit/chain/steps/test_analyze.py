@@ -91,7 +91,6 @@ def test_without_external_topics_the_chain_ends_with_the_rule(tmp_path: Path) ->
     assert [event.step for event in one.told(StepFinished)] == ["minimize", "relevance", "rules"]
 
 
-@pytest.mark.rotating
 def test_what_fails_since_messages_are_missing_is_analysed_too(tmp_path: Path) -> None:
     def fails(messages: Sequence[Message]) -> int | None:
         numbers = [message.sequence for message in messages]
@@ -107,7 +106,6 @@ def test_what_fails_since_messages_are_missing_is_analysed_too(tmp_path: Path) -
     assert MinimalRecord.exists(done[1].folder)
 
 
-@pytest.mark.rotating
 def test_steps_get_their_options(tmp_path: Path) -> None:
     one = bench(tmp_path, ALONE)
     failing(one, 41)
@@ -133,7 +131,6 @@ class CountRecord(Artefact):
         return f"{self.messages} messages"
 
 
-@pytest.mark.rotating
 def test_further_steps_come_last(tmp_path: Path) -> None:
     one = bench(tmp_path, ALONE)
     failing(one, 41)

@@ -134,7 +134,6 @@ def test_a_finding_that_is_there_gets_a_case_with_plain_values_though_it_has_as_
     assert FindingRecord.load(folder).injections == plain.injections
 
 
-@pytest.mark.rotating
 def test_failures_are_told_apart_by_signature_the_frequent_first(tmp_path: Path) -> None:
     one = bench(tmp_path, other=lambda case: share(case) < 0.3)
     folders = campaign(one, trials=60)
@@ -144,7 +143,6 @@ def test_failures_are_told_apart_by_signature_the_frequent_first(tmp_path: Path)
     assert "2 distinct findings" in one.told(StepFinished)[-1].text
 
 
-@pytest.mark.rotating
 def test_wrong_answers_of_a_noisy_runner_become_a_finding_with_its_low_rate(tmp_path: Path) -> None:
     one = bench(tmp_path, fails=never_hangs, wrong=lambda case: bool(case.injections) and share(case) < 0.1)
     (folder,) = campaign(one)
@@ -202,7 +200,6 @@ def test_that_there_is_no_evidence_is_told_and_evidence_is_that_of_the_case(tmp_
 
 
 @pytest.mark.parametrize("seconds", [10.0, 1.0])
-@pytest.mark.rotating
 def test_that_values_were_kept_back_since_hangs_took_too_long_is_told(tmp_path: Path, seconds: float) -> None:
     one = bench(tmp_path)
     plain = one.machine.play
@@ -254,7 +251,6 @@ def test_a_failure_that_does_not_come_again_is_told_and_is_no_finding(tmp_path: 
     assert "1 more did not come again in 20 fresh trials" in one.told(StepFinished)[-1].text
 
 
-@pytest.mark.rotating
 def test_what_was_learnt_of_a_finding_stays_when_it_is_found_again(tmp_path: Path) -> None:
     (folder,) = campaign(bench(tmp_path))
     (folder / "rule.json").write_text("{}")
@@ -323,7 +319,6 @@ def test_dictionary_entries_that_match_nothing_are_an_error(tmp_path: Path) -> N
     assert not any(case.messages for case in one.machine.executed)
 
 
-@pytest.mark.rotating
 def test_what_only_many_messages_bring_about_is_found_replays_and_is_minimized(tmp_path: Path) -> None:
     """Eight bad speeds in a row: policies on single messages do not come to that."""
 
@@ -362,7 +357,6 @@ def test_fields_that_riot_toml_leaves_alone_are_not_injected(tmp_path: Path) -> 
     assert "speed" not in injected
 
 
-@pytest.mark.rotating
 def test_what_was_learnt_of_other_versions_is_put_aside_whole_also_when_one_comes_back(tmp_path: Path) -> None:
     one = bench(tmp_path)
     (folder,) = campaign(one)

@@ -57,7 +57,6 @@ def test_steps_that_end_by_themselves_and_those_of_others_are_not_limited(tested
     assert budget_within(one.workspace, folder, (other, *REST), 1.0) == {}
 
 
-@pytest.mark.rotating
 def test_a_rule_learnt_in_little_time_has_fewer_trials(tmp_path: Path) -> None:
     trials = []
     for name, left in (("short", lambda: 1.0), ("long", None)):

@@ -5,8 +5,6 @@ from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
-import pytest
-
 from riot_bus.chain.steps.analyze import analyze
 from riot_bus.chain.steps.robustness import test_unit as run_campaign
 from riot_bus.chain.steps.within import analyze_within
@@ -23,7 +21,6 @@ def fast(step: float = 20.0) -> Callable[[], float]:
     return lambda: time.monotonic() + step * next(looks)
 
 
-@pytest.mark.rotating
 def test_without_a_finding_all_of_the_time_is_for_trials(tmp_path: Path) -> None:
     one = bench(tmp_path, fails=never_hangs)
     assert analyze_within(one.workspace, "drive", SECONDS, now=fast()) == []
@@ -52,7 +49,6 @@ def test_a_unit_that_always_fails_needs_no_further_trials(tmp_path: Path) -> Non
     assert len(found) == len(one.told(AnalysisFinished))
 
 
-@pytest.mark.rotating
 def test_a_step_whose_time_is_over_is_gone_on_with(tmp_path: Path) -> None:
     one, late = bench(tmp_path), bench(tmp_path)
     late.workspace.until = 0.0

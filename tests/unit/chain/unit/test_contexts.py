@@ -104,7 +104,6 @@ def finding(folder: Path, size: int, **machine: object) -> Bench:
 
 @pytest.mark.parametrize("size", [40, 5000])
 @pytest.mark.parametrize("seed", range(scaled(4)))
-@pytest.mark.rotating
 def test_what_an_earlier_message_set_is_in_the_rule(tmp_path: Path, size: int, seed: int) -> None:
     one = finding(tmp_path, size, fails=beyond)
     one.workspace.seed = seed
@@ -133,7 +132,6 @@ def test_what_an_earlier_message_set_is_in_the_rule(tmp_path: Path, size: int, s
         predict_log(one.folder / "minimal.mcap", one.folder)
 
 
-@pytest.mark.rotating
 def test_a_rule_is_held_against_what_a_campaign_has_tried(tmp_path: Path) -> None:
     """A failure that the rule does not know of is told; trials in which it cannot be judged do not count."""
 
@@ -188,7 +186,6 @@ def test_trials_show_whether_a_missing_size_leaves_the_earlier_one_in_force(tmp_
     assert (found.keeps, found.trials, found.wrong, found.unknown) == ((True, 5, [], 0) if keeps else (False, 1, [], 4))
 
 
-@pytest.mark.rotating
 def test_trials_of_a_campaign_got_the_probe_too(tmp_path: Path) -> None:
     """The unit fails at a nominal message that follows the log: so the rule says."""
     probe = (message(0, "pick", index=150, gain=1.0),)
@@ -213,7 +210,6 @@ def test_a_rule_may_hold_before_the_last_message_of_a_trial_behind_others(tmp_pa
     assert answers.wrong == ([] if holds else [0])
 
 
-@pytest.mark.rotating
 def test_the_command_says_where_a_log_fails(tmp_path: Path) -> None:
     one = finding(tmp_path, 40, fails=beyond)
     rules(one.run(), one.folder, budget=60).save(one.folder)

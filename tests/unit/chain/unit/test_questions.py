@@ -70,7 +70,6 @@ def test_a_rate_is_measured_if_certificates_do_not_always_fail(tmp_path: Path, c
 
 
 @pytest.mark.parametrize("rate", [0.1, 0.3, 0.5, 0.7, 0.9])
-@pytest.mark.rotating
 def test_intervals_of_measured_rates_hold_what_they_claim(rate: float) -> None:
     """Of 2,000 intervals of 95 %, 1,876 hold the rate with 99 % probability even where each holds it with 95 % only."""
     chance = random.Random(3)

@@ -55,7 +55,6 @@ def log_of(count: int, size: int = 40) -> list[Message]:
     ]
 
 
-@pytest.mark.rotating
 def test_one_wrong_byte_costs_one_message_at_most(tmp_path):
     path, log = tmp_path / "a.mcap", log_of(12)
     whole = write(path, log)

@@ -198,7 +198,6 @@ assert export_table(log, ["a:x"], out, memory=limit).rows == 240
 """
 
 
-@pytest.mark.rotating
 def test_memory_is_bounded_on_a_file_larger_than_the_limit(tmp_path):
     small, path = tmp_path / "small.mcap", tmp_path / "a.mcap"
     with LogWriter(small) as writer:

@@ -5,8 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from riot_bus.processes.python_report import MainEnd, PythonReport
 from riot_bus.zenoh.session import wait_until
 
@@ -85,7 +83,6 @@ def test_a_main_thread_that_goes_on_has_not_ended(tmp_path: Path) -> None:
         process.communicate()
 
 
-@pytest.mark.rotating
 def test_a_look_at_a_thread_that_recurses_does_not_end_the_process(tmp_path: Path) -> None:
     process, report = begin(tmp_path, RECURSES)
     try:
@@ -97,7 +94,6 @@ def test_a_look_at_a_thread_that_recurses_does_not_end_the_process(tmp_path: Pat
         process.communicate()
 
 
-@pytest.mark.rotating
 def test_a_component_that_closes_all_files_does_not_see_that_it_is_looked_at(tmp_path: Path) -> None:
     text = RECURSES.replace("threading.Event().wait()", "import os, time; os.closerange(3, 200); time.sleep(600)")
     process, report = begin(tmp_path, text)

@@ -139,7 +139,6 @@ def noisy(run, rng, place):
     }
 
 
-@pytest.mark.rotating
 def test_held_out_runs_are_the_same_and_a_changed_field_is_found():
     found = proposed(*runs_of(3, noisy))
     held = [[noisy(run, random.Random(f"{run}:{place}"), place) for place in range(200)] for run in range(100, 140)]

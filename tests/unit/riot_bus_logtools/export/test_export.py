@@ -159,7 +159,6 @@ def test_time(log, tmp_path):
     assert done.rows == 2
 
 
-@pytest.mark.rotating
 def test_many_rows(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     log = tmp_path / "a.mcap"
