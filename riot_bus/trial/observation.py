@@ -21,6 +21,9 @@ MEASURE_S = 0.15
 """Longer than 0.1 s, after which each of Zenoh's threads for callbacks in Python wakes up."""
 _MEASURED = 3
 """Number of measurements for components that are started in the same way."""
+_FEW = 2
+"""Switches by which two measurements of the same timers differ: one falls into the one or into the other, and one of
+Zenoh's ten a second."""
 _WATCH, _WINDOWS = 0.5, 3
 """Seconds in which a timer that matters comes once, and how often it is looked for: a start may leave something to do
 in the first of them, Zenoh's sign of life (5 to 8 switches each 2.5 s) falls into one."""
@@ -139,14 +142,15 @@ class Observation:
                     names, window=Settle().window, timeout=left, idle=self.idle
                 ) and not self.wants_processor(names):
                     return
-        last: Idle | None = None
+        last = STILL
         while time.monotonic() < deadline:
             self.include_started(names)
             now = self.measure_idle(names, seconds=MEASURE_S)
-            self.idle = now if last is None else now.or_more(last)
-            alike = last is not None and abs(now.switches - last.switches) <= 0.2 * now.switches
-            # A program that starts takes most of a processor, Zenoh's threads a tenth of this share.
-            if (now.ran <= 0.03 or alike) and not self.wants_processor(names):
+            # What a start leaves to do gets less from one measurement to the next.
+            alike = abs(now.switches - last.switches) <= 0.2 * now.switches + _FEW / MEASURE_S
+            self.idle = now.or_more(last) if alike else now
+            # A program that imports takes most of a processor and switches rarely; Zenoh takes a tenth of this share.
+            if alike and (now.ran <= 0.03 or last is not STILL) and not self.wants_processor(names):
                 known.append(self.idle)
                 return
             last = now

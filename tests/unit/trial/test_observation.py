@@ -54,6 +54,11 @@ def test_timers_are_what_comes_twice_in_a_row() -> None:
     assert seen.left == [STARTING]
 
 
+def test_what_a_start_leaves_to_do_is_no_timer() -> None:
+    """It took little of the processor, and was taken for a timer: 79 switches a second of a unit that has none."""
+    assert come_to_rest(_Seen(Idle(79.0, 0.02), Idle(10.0, 0.001), Idle(13.0, 0.001)), []) == Idle(13.0, 0.001)
+
+
 def test_what_was_measured_three_times_is_not_measured_again() -> None:
     known = [Idle(1.0), Idle(9.0), Idle(2.0)]
     seen = _Seen()
