@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import struct
 from typing import Annotated, Any
 
@@ -75,8 +76,9 @@ class DictionaryFile(BaseModel):
     message: list[RawMessage] = []
 
 
+@functools.lru_cache(64)
 def read_file(text: str, *, where: str) -> DictionaryFile:
-    """Read the text of a dictionary file.
+    """Read the text of a dictionary file; each step of a chain reads the same ones again.
 
     Raises:
         ConfigError: Not TOML, an unknown key, or a value of the wrong kind.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -48,16 +49,15 @@ def chance_of_difference(hits: int, total: int, other_hits: int, other_total: in
     return ways / math.comb(total + other_total, both)
 
 
+@functools.lru_cache(4096)
 def _crossing(hits: int, total: int, tail: float) -> float:
     """Return the rate at which `hits` or more of `total` have the probability `tail`."""
+    log = [math.lgamma(count + 1) for count in range(total + 1)]  # of factorials
+    ways = [(log[-1] - log[count] - log[total - count], count, total - count) for count in range(hits, total + 1)]
     low, high = 0.0, 1.0
     for _ in range(60):  # to 2**-60, below the resolution of doubles near 1
         middle = (low + high) / 2
-        chance = math.fsum(_chance(count, total, middle) for count in range(hits, total + 1))
+        hit, miss = math.log(middle), math.log1p(-middle)
+        chance = math.fsum(math.exp(choices + count * hit + others * miss) for choices, count, others in ways)
         low, high = (middle, high) if chance < tail else (low, middle)
     return low
-
-
-def _chance(count: int, total: int, rate: float) -> float:
-    choices = math.lgamma(total + 1) - math.lgamma(count + 1) - math.lgamma(total - count + 1)
-    return math.exp(choices + count * math.log(rate) + (total - count) * math.log1p(-rate))
