@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, settings
 
 from tests import processor_time
 from tests.changed import changed_files, concerned
-from tests.tiers import ALL, PART, PARTS, scaled
+from tests.tiers import ALL, PART, PARTS, equal_parts, scaled
 
 ROOT = Path(__file__).parent
 PHASES = ("pure", "processes", "alone")
@@ -80,8 +80,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if not (
             named or config.stash[CONCERNED] is not None or config.pluginmanager.has_plugin("tests.processor_time")
         ):
-            others = _other_parts(chosen)
-            chosen = [item for item in chosen if item not in others]
+            others = _in_other_parts(chosen)
+            chosen = [item for item in chosen if item.nodeid not in others]
     if len(chosen) < len(items):
         kept = set(chosen)
         config.hook.pytest_deselected(items=[item for item in items if item not in kept])
@@ -101,17 +101,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             terminalreporter.write_line(f"NOT TESTED: {reason} ({count} tests skipped)", red=True)
 
 
-def _other_parts(items: list[pytest.Item]) -> set[pytest.Item]:
-    """Return the items that take long and are in other parts; each part takes about as long as the others."""
-    seconds = processor_time.read()
-    long = [item for item in items if processor_time.function(item.nodeid) in seconds]
-    parts: list[list[pytest.Item]] = [[] for _ in range(PARTS)]
-    loads = [0.0] * PARTS
-    for item in sorted(long, key=lambda item: (-seconds[processor_time.function(item.nodeid)], item.nodeid)):
-        least = loads.index(min(loads))
-        parts[least].append(item)
-        loads[least] += seconds[processor_time.function(item.nodeid)]
-    return set(long) - set(parts[PART % PARTS])
+def _in_other_parts(items: list[pytest.Item]) -> set[str]:
+    """Return the ids of the items that take long and are for other commits."""
+    of_functions = processor_time.read()
+    seconds = {item.nodeid: of_functions.get(processor_time.function(item.nodeid), 0.0) for item in items}
+    return set[str]().union(*(part for number, part in enumerate(equal_parts(seconds)) if number != PART % PARTS))
 
 
 def _phase(item: pytest.Item) -> str:

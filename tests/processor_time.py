@@ -66,7 +66,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput"):
         return
     known = {name: seconds for name, seconds in read().items() if (FILE.parents[1] / name.partition("::")[0]).exists()}
-    means = known | {name: round(fmean(each), 1) for name, each in NEEDED.items()}
+    means = known | {name: round(fmean(each), 2) for name, each in NEEDED.items()}
     long = {name: means[name] for name in sorted(means) if means[name] > LONG}
     FILE.write_text(json.dumps(long, indent=0) + "\n", encoding="utf-8")
 

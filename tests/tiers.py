@@ -7,13 +7,13 @@ import os
 import subprocess
 import zlib
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
 
-__all__ = ["ALL", "PART", "PARTS", "chosen", "folded", "in_part", "scaled"]
+__all__ = ["ALL", "PART", "PARTS", "chosen", "equal_parts", "folded", "in_part", "scaled"]
 
 CaseT = TypeVar("CaseT")
 TestT = TypeVar("TestT", bound=Callable[..., None])
@@ -39,6 +39,18 @@ PART = int(os.environ.setdefault("RIOT_PART", _of_commit()))
 def in_part(name: str, parts: int = PARTS) -> bool:
     """Return whether something of a constant name is tried: all, or in the gate what is of this commit's part."""
     return ALL or (zlib.crc32(name.encode()) + PART) % parts == 0
+
+
+def equal_parts(seconds: Mapping[str, float]) -> list[set[str]]:
+    """Return what takes longer than nothing in parts of about the same length, the longest first."""
+    parts: list[set[str]] = [set() for _ in range(PARTS)]
+    lengths = [0.0] * PARTS
+    for name in sorted(seconds, key=lambda name: (-seconds[name], name)):
+        if seconds[name]:
+            shortest = lengths.index(min(lengths))
+            parts[shortest].add(name)
+            lengths[shortest] += seconds[name]
+    return parts
 
 
 def scaled(full: int, *, gate: int | None = None) -> int:
