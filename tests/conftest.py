@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from pathlib import Path
@@ -11,7 +12,7 @@ from hypothesis import HealthCheck, settings
 
 from tests import processor_time
 from tests.changed import changed_files, concerned
-from tests.tiers import ALL, PART, PARTS, equal_parts, scaled
+from tests.tiers import ALL, PART, PARTS, of_other_parts, scaled
 
 ROOT = Path(__file__).parent
 PHASES = ("pure", "processes", "alone")
@@ -71,17 +72,14 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep what belongs to the phase, and to the gate unless everything is wanted, or what a change concerns."""
+    """Keep what belongs to the phase and, unless everything or certain files are wanted, to the gate of this commit."""
     wanted = config.getoption("--phase")
     chosen = [item for item in items if wanted in (None, _phase(item))]
     if not ALL:
-        chosen = [item for item in chosen if not item.get_closest_marker("nightly")]
-        named = config.args != config.getini("testpaths")
-        if not (
-            named or config.stash[CONCERNED] is not None or config.pluginmanager.has_plugin("tests.processor_time")
-        ):
-            others = _in_other_parts(chosen)
-            chosen = [item for item in chosen if item.nodeid not in others]
+        named = config.stash[CONCERNED] is not None or config.args != config.getini("testpaths")
+        whole = config.pluginmanager.has_plugin("tests.processor_time") or (named and "RIOT_PART" not in os.environ)
+        others = set[str]() if whole else of_other_parts(processor_time.read())
+        chosen = [item for item in chosen if not item.get_closest_marker("nightly") and item.nodeid not in others]
     if len(chosen) < len(items):
         kept = set(chosen)
         config.hook.pytest_deselected(items=[item for item in items if item not in kept])
@@ -99,13 +97,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.section("NOT TESTED", sep="!", red=True, bold=True)
         for reason, count in sorted(reasons.items()):
             terminalreporter.write_line(f"NOT TESTED: {reason} ({count} tests skipped)", red=True)
-
-
-def _in_other_parts(items: list[pytest.Item]) -> set[str]:
-    """Return the ids of the items that take long and are for other commits."""
-    of_functions = processor_time.read()
-    seconds = {item.nodeid: of_functions.get(processor_time.function(item.nodeid), 0.0) for item in items}
-    return set[str]().union(*(part for number, part in enumerate(equal_parts(seconds)) if number != PART % PARTS))
 
 
 def _phase(item: pytest.Item) -> str:

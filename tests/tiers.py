@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import pytest
 
-__all__ = ["ALL", "PART", "PARTS", "chosen", "equal_parts", "folded", "in_part", "scaled"]
+__all__ = ["ALL", "PART", "PARTS", "chosen", "folded", "in_part", "of_other_parts", "scaled"]
 
 CaseT = TypeVar("CaseT")
 TestT = TypeVar("TestT", bound=Callable[..., None])
@@ -29,11 +29,11 @@ def _of_commit() -> str:
     return str(int(done.stdout or "0", 16))
 
 
-PARTS = 4
-"""The part of an item that takes long, or of a corpus, in the gate is 1 of so many."""
+PARTS = 6
+"""The part in the gate of the items that take long, or of a corpus, is 1 of so many."""
 
-PART = int(os.environ.setdefault("RIOT_PART", _of_commit()))
-"""Which part is taken, modulo their number; workers and the phases of bootstrap.py inherit it."""
+PART = int(os.environ.get("RIOT_PART") or _of_commit())
+"""Which part is taken, modulo their number; in files that are named on the command line, only if it is set."""
 
 
 def in_part(name: str, parts: int = PARTS) -> bool:
@@ -41,16 +41,14 @@ def in_part(name: str, parts: int = PARTS) -> bool:
     return ALL or (zlib.crc32(name.encode()) + PART) % parts == 0
 
 
-def equal_parts(seconds: Mapping[str, float]) -> list[set[str]]:
-    """Return what takes longer than nothing in parts of about the same length, the longest first."""
-    parts: list[set[str]] = [set() for _ in range(PARTS)]
-    lengths = [0.0] * PARTS
+def of_other_parts(seconds: Mapping[str, float], part: int = PART) -> set[str]:
+    """Return what is not in a part, of items that take some time; parts take about as long as each other."""
+    lengths, others = [0.0] * PARTS, set[str]()
     for name in sorted(seconds, key=lambda name: (-seconds[name], name)):
-        if seconds[name]:
-            shortest = lengths.index(min(lengths))
-            parts[shortest].add(name)
-            lengths[shortest] += seconds[name]
-    return parts
+        shortest = lengths.index(min(lengths))
+        lengths[shortest] += seconds[name]
+        others |= {name} if shortest != part % PARTS else set()
+    return others
 
 
 def scaled(full: int, *, gate: int | None = None) -> int:
