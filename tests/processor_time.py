@@ -17,7 +17,7 @@ import pytest
 
 FILE = Path(__file__).with_suffix(".json")
 
-LONG = 0.15
+LONG = 0.05
 """Seconds of an item: what needs less is cheap enough for each commit."""
 
 BEGAN = pytest.StashKey[float]()

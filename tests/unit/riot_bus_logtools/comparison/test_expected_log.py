@@ -68,9 +68,9 @@ def test_nothing_to_compare_is_no_pass(tmp_path: Path) -> None:
 
 def test_topics_are_matched_by_their_names_where_keys_differ(tmp_path: Path) -> None:
     log = written(tmp_path / "log.mcap", [message(number, number, "/a") for number in range(3)])
-    assert difference_from(log, captured([message(number, number) for number in range(3)]), REGISTRY).same
+    assert difference_from(log, captured([message(number, number) for number in range(3)]), REGISTRY, timeout=0.01).same
     with_key = [message(number, number + 1) for number in range(3)] + [message(n, n, "/a") for n in range(3)]
-    assert difference_from(log, captured(with_key), REGISTRY).same
+    assert difference_from(log, captured(with_key), REGISTRY, timeout=0.01).same
 
 
 def test_calls_of_services_are_left_out(tmp_path: Path) -> None:
