@@ -1,8 +1,8 @@
 """Tries whether the tests notice random one-line changes of the core: `bootstrap.py run python .ci/mutants.py`.
 
 A condition is negated, a call whose result nobody takes is left out, or a number is larger by one. The tests that it
-concerns run as in the gate, those of its room first; what these do not notice is tried with all of them, what takes
-long included. Changes are made in this checkout, which has to be clean, and taken back at once.
+concerns run as in the gate of this commit, those of its room first; what these do not notice is tried at the end with
+all of them, whatever their part. Changes are made in this checkout, which has to be clean, and taken back at once.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from tests.changed import concerned  # noqa: E402
+from tests.tiers import PART  # noqa: E402
 
 WORKERS = {"pure": os.cpu_count() or 1, "processes": 6}
 
@@ -53,43 +55,60 @@ def replaced(text: str, node: ast.expr | ast.stmt, new: str) -> str:
     return b"".join(lines).decode()
 
 
-def noticed(words: list[str]) -> str:
+def noticed(words: list[str], **environment: str) -> str:
     """Return the first test that fails, or nothing."""
     for phase, workers in WORKERS.items():
         command = [sys.executable, "-m", "pytest", "-xq", f"--phase={phase}", f"-n{workers}", "--tb=no", *words]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True, check=False
+        )
         if done.returncode not in (0, 5):
             lines = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
             return " ".join((lines or [done.stdout[-200:] + done.stderr[-200:]])[0].split()[:2])
     return ""
 
 
+@contextmanager
+def mutated(path: Path, node: ast.expr | ast.stmt, new: str) -> Iterator[list[str]]:
+    """Change a file for a while; give the tests that it concerns, those of its room first."""
+    name, text = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
+    room = path.relative_to(ROOT / "riot_bus").parts[0].removesuffix(".py")
+    tests = sorted(concerned({name}), key=lambda each: (f"/{room}/" not in str(each), room not in each.name, each))
+    print(f"{name}:{node.lineno}: {new}  in  {text.splitlines()[node.lineno - 1].strip()}")
+    began = time.monotonic()
+    try:
+        path.write_text(replaced(text, node, new), encoding="utf-8")
+        yield [str(each) for each in tests]
+    finally:
+        subprocess.run(["git", "checkout", "--quiet", "--", name], cwd=ROOT, check=True)
+        print(f"    ({time.monotonic() - began:.0f} s)", flush=True)
+
+
 def main() -> int:
-    """Try the mutants and print a line for each; return 1 if the gate misses one that all tests notice."""
+    """Try the mutants and print lines for each; return 1 if the gate misses one that all tests notice."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     if subprocess.run(["git", "diff", "--quiet"], cwd=ROOT, check=False).returncode:
         sys.exit("mutants.py: commit what has changed first: the file of a mutant is checked out anew")
+    os.environ.pop("RIOT_PART", None)
     draw = random.Random(options.seed)
     files = sorted(path for path in (ROOT / "riot_bus").rglob("*.py"))
     places = [(path, node, new) for path in files for node, new in one_line(path.read_text(encoding="utf-8"))]
+    left = []
+    for mutant in draw.sample(places, options.count):
+        with mutated(*mutant) as tests:
+            by = noticed(tests, RIOT_PART=str(PART))
+            print(f"    {by or 'not by the gate'}")
+        left += [] if by else [mutant]
+    print(f"the gate notices {options.count - len(left)} of {options.count}; the others with all tests:")
     missed = 0
-    for path, node, new in draw.sample(places, options.count):
-        text, name, began = path.read_text(encoding="utf-8"), str(path.relative_to(ROOT)), time.monotonic()
-        room = path.relative_to(ROOT / "riot_bus").parts[0].removesuffix(".py")
-        tests = sorted(concerned({name}), key=lambda each: (f"/{room}/" not in str(each), room not in each.name, each))
-        try:
-            path.write_text(replaced(text, node, new), encoding="utf-8")
-            by = noticed([str(each) for each in tests])
-            late = "" if by else noticed(["--changed", "HEAD"])
-        finally:
-            subprocess.run(["git", "checkout", "--quiet", "--", name], cwd=ROOT, check=True)
-        missed += bool(late)
-        what = by or (f"only with all tests: {late}" if late else "NOT NOTICED")
-        old = text.splitlines()[node.lineno - 1].strip()
-        print(f"{name}:{node.lineno}: {new}  in  {old}\n    {what}  ({time.monotonic() - began:.0f} s)", flush=True)
+    for mutant in left:
+        with mutated(*mutant) as tests:
+            by = noticed(tests)
+            print(f"    {by or 'NOT NOTICED'}")
+        missed += bool(by)
     print(f"{missed} of {options.count} are noticed by all tests, but not by the gate")
     return 1 if missed else 0
 
