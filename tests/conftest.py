@@ -43,7 +43,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Look up what a change concerns; end the first coverage of a worker of xdist, below the second of pytest-cov."""
+    """Look up what a change concerns."""
     base = config.getoption("--changed")
     config.stash[CONCERNED] = None if base is None else concerned(changed_files(base))
 

@@ -47,7 +47,8 @@ def of_other_parts(seconds: Mapping[str, float], part: int = PART) -> set[str]:
     for name in sorted(seconds, key=lambda name: (-seconds[name], name)):
         shortest = lengths.index(min(lengths))
         lengths[shortest] += seconds[name]
-        others |= {name} if shortest != part % PARTS else set()
+        if shortest != part % PARTS:
+            others.add(name)
     return others
 
 
