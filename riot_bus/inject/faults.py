@@ -17,7 +17,7 @@ from riot_bus.pipeline.event import Change, Event
 from riot_bus.plugin_options import REQUIRED, options_of
 from riot_bus.plugins import FAULTS
 from riot_bus.types.capabilities import OmitsFields, StandIn
-from riot_bus.types.values import fit_value, set_field
+from riot_bus.types.elements import fit_value, set_field
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.message import Scalar

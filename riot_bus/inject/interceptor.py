@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from riot_bus.inject.faults import fault_of
 from riot_bus.pipeline.conditions import always, decider
 from riot_bus.pipeline.runner import MOST_TOPICS
-from riot_bus.types.values import fit_value
+from riot_bus.types.elements import fit_value
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Curve, Formula, Signal
 
@@ -87,7 +87,8 @@ class Injector:
             numbers = sorted([*numbers, *single[event.index]])
         for number in numbers:
             try:
-                if not self._decide[number](event):
+                decide = self._decide[number]
+                if decide is not always and not decide(event):
                     continue
                 self._faults[number].apply(event)
             except PayloadError as error:

@@ -15,8 +15,8 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from riot_bus.inject.formula import evaluate, join_path, parse_formula
+from riot_bus.types.elements import fit_value, set_field
 from riot_bus.types.model import MessageType
-from riot_bus.types.values import fit_value, set_field
 from riot_bus.vocabulary.errors import located
 from riot_bus.vocabulary.injection import Formula
 from riot_bus.vocabulary.message import Scalar

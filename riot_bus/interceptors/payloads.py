@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 from riot_bus.interceptors.per_topic import PerTopic
 from riot_bus.pipeline.event import Change, Event
-from riot_bus.types.values import fit_value
+from riot_bus.types.elements import fit_value
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 _UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}

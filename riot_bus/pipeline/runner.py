@@ -257,7 +257,7 @@ class Pipeline:
             self.current = token = [stage]
             failure: BaseException | None = None
             try:
-                if wanted(event):
+                if wanted is always or wanted(event):
                     stage.message(event)
                     check(event)
                     if event.targets is not targets or event.branches is not branches:

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from riot_bus.types.elements import fit_value, set_field
 from riot_bus.types.model import MessageType, parse_path
-from riot_bus.types.values import fit_value, set_field
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.message import Scalar
 from riot_bus_logtools.editing.selection import Selection, parse_clauses
