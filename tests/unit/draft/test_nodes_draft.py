@@ -66,6 +66,7 @@ def test_components_topics_and_what_is_external() -> None:
     assert '"__node:=odometry", "-r", "__ns:=/base"' in text
     assert "rosout" not in text
     assert "daemon" not in text
+    assert text.count("# FILL IN: how to start it (one process") == len(file.components)
     assert 'connect/endpoints=[\\"{endpoint}\\"]' in text
 
 

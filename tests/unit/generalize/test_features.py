@@ -131,6 +131,11 @@ def test_simplest(low: float, high: float, value: float) -> None:
     assert isinstance(found, type(value))
 
 
+def test_weights_of_one_are_free() -> None:
+    plain, weighted = (Feature("linear", ("a", "b"), (1, weight)).cost for weight in (-1, 3))
+    assert plain == Feature("linear", ("a", "b"), (1, 1)).cost == weighted - number_bits(3)
+
+
 def test_simple_numbers_are_short() -> None:
     assert number_bits(0) < number_bits(1) < number_bits(10**6) < number_bits(1234567)
     assert number_bits(2**31) < number_bits(2**31 - 1) < number_bits(2147483001)

@@ -103,6 +103,7 @@ def test_round_trip(plan):
         ("[[inject]]\ntopic='a'\nfield='x y'\nvalue=1", "inject[0].field", "field path"),
         ("[[inject]]\ntopic='a'\nfield='x'\nformula='y +'", "inject[0].formula", "cannot read"),
         ("[[inject]]\ntopic='a'\nfield='x'\nformula={txt='y'}", "inject[0].formula.txt", "did you mean 'text'"),
+        ("[[inject]]\ntopic='a'\nfield='x'\nformula={text='y', base='b c'}", "inject[0].formula", "field path"),
         (
             "[[inject]]\ntopic='a'\nfield='x'\nformula='y'\nvalue=1",
             "inject[0]",
