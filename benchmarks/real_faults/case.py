@@ -1,0 +1,214 @@
+"""Cases: a report, its program, its truth, and ways to run both without riot."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+import random
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from riot_bus.log.writer import LogWriter
+from riot_bus.vocabulary.message import Message
+from tests.interop import Environment, provide
+
+HERE = Path(__file__).resolve().parent
+CASES = HERE / "cases"
+SERVE = HERE / "serve.py"
+ZENOH = "eclipse-zenoh==1.10.2"
+FIRST_NS = 10**18
+
+Input = tuple[float, str, Any]
+"""Seconds since the start, topic, and the fields of a message."""
+
+
+class CaseFile(BaseModel):
+    """What case.toml says; see README.md beside this file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    report: str
+    title: str
+    kind: str
+    packages: tuple[str, ...]
+    twin: tuple[str, ...] = ()
+    symptom: Literal["crash", "hang", "silent", "nan", "wrong", "none"]
+    outputs: tuple[str, ...]
+    riot: str = ""
+    chance: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What became of a log: `passed`, `raised`, `hung` or `signal N`, with the outputs until then."""
+
+    end: str
+    outputs: Sequence[tuple[str, Any]]
+    handled: int
+    error: str = ""
+    place: str = ""
+
+
+class Case:
+    """A folder with `case.toml`, `node.py` and `truth.py`."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.name = folder, folder.name
+        self.file = CaseFile.model_validate(tomllib.loads((folder / "case.toml").read_text(encoding="utf-8")))
+
+    @cached_property
+    def truth(self) -> Any:
+        """The module `truth.py`, whose functions know nothing of the program."""
+        spec = importlib.util.spec_from_file_location(f"truth_{self.name}", self.folder / "truth.py")
+        assert spec is not None
+        assert spec.loader is not None
+        found = importlib.util.module_from_spec(spec)
+        sys.modules.setdefault("changes", importlib.import_module("benchmarks.real_faults.changes"))
+        spec.loader.exec_module(found)
+        return found
+
+    @cached_property
+    def nominal(self) -> list[Input]:
+        """The nominal inputs."""
+        return list(self.truth.nominal())
+
+    @property
+    def inputs(self) -> list[str]:
+        """The topics of the inputs."""
+        return sorted({topic for _, topic, _ in self.nominal})
+
+    def fails(self, log: Sequence[Input]) -> bool:
+        """Return whether the report's fault occurs with these inputs, by the truth alone."""
+        return self.has_truth and self.truth.fails(list(log)) is not None
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether there is a report; controls have none."""
+        return self.file.symptom != "none"
+
+    def environment(self, *, twin: bool) -> Environment:
+        """Return the environment of the program, or of the twin."""
+        packages = self.file.twin if twin and self.file.twin else self.file.packages
+        return Environment(f"case-{self.name}", (*packages, ZENOH), "import zenoh")
+
+    def python(self, *, twin: bool = False) -> Path:
+        """Return the interpreter of the program, or of the twin, installed if necessary; raises RuntimeError."""
+        environment = self.environment(twin=twin)
+        if problem := provide(environment):
+            raise RuntimeError(f"{self.name}: {problem}")
+        return environment.entry
+
+    def command(self, endpoint: str, *, twin: bool = False) -> list[str]:
+        """Return the command of the node on the bus; `-` for a node without one."""
+        checked = ["--checked"] if twin and not self.file.twin else []
+        return [str(self.python(twin=twin)), str(SERVE), str(self.folder), endpoint, *checked]
+
+    def shows(self, log: Sequence[Input], run: Run) -> bool:
+        """Return whether a run shows the symptom of the report."""
+        match self.file.symptom:
+            case "crash":
+                return run.end == "raised" or run.end.startswith("signal")
+            case "hang":
+                return run.end == "hung"
+            case "none":
+                return run.end != "passed"
+            case "nan":
+                return any(not math.isfinite(each) for _, fields in run.outputs for each in numbers(fields))
+            case _:
+                return bool(self.truth.shows(list(log), run.outputs))
+
+    def run(self, logs: Sequence[Sequence[Input]], *, twin: bool = False) -> Iterator[Run]:
+        """Run logs without riot, each with a new process."""
+        with subprocess.Popen(
+            self.command("-", twin=twin), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            text=True, cwd=self.folder,
+        ) as process:  # fmt: skip
+            assert process.stdin is not None
+            assert process.stdout is not None
+            for log in logs:
+                process.stdin.write(json.dumps(log) + "\n")
+                process.stdin.flush()
+                line = process.stdout.readline()
+                if not line:
+                    raise RuntimeError(f"{self.name}: the node has ended; try it: {' '.join(process.args)}")  # type: ignore[arg-type]
+                yield Run(**json.loads(line))
+            process.stdin.close()
+
+    def shown(
+        self, logs: Sequence[tuple[bool, Sequence[Input], str]], *, twin: bool = False
+    ) -> Iterator[tuple[bool, Run]]:
+        """Yield whether the symptom is shown, and the run; where a fault needs luck, what should fail is repeated."""
+        tries = 1 if self.file.chance == 1 else math.ceil(math.log(0.001) / math.log1p(-self.file.chance))
+        for fails, log, _ in logs:
+            for run in self.run([log] * (tries if fails else 1), twin=twin):
+                if self.shows(log, run):
+                    break
+            yield self.shows(log, run), run
+
+    def draws(self, count: int, seed: int) -> Iterator[list[Input]]:
+        """Yield inputs near the limits of the truth and far away, as many failing as not as far as possible."""
+        draw: Callable[[random.Random], list[Input]] = self.truth.draw
+        source = random.Random(seed)
+        left = {True: (count + 1) // 2, False: count // 2}
+        for _ in range(50 * count):
+            log = draw(source)
+            fails = self.fails(log)
+            if left[fails]:
+                left[fails] -= 1
+                yield log
+            if not any(left.values()):
+                return
+
+    def write(self, folder: Path, *, twin: bool = False) -> Path:
+        """Write riot.toml and the nominal log as a user would have them; return the path of the former."""
+        folder.mkdir(parents=True, exist_ok=True)
+        with LogWriter(folder / "nominal.mcap") as log:
+            for message in messages_of(self.nominal):
+                log.write(message)
+        path = folder / "riot.toml"
+        path.write_text(
+            f'[system]\nname = "{self.name}"\nnominal = "nominal.mcap"\n\n'
+            f"[components.node]\ncommand = {json.dumps(self.command('{endpoint}', twin=twin))}\n"
+            f"inputs = {json.dumps(self.inputs)}\noutputs = {json.dumps(self.file.outputs)}\n\n"
+            f"[unit.node]\n{self.file.riot}"
+        )
+        return path
+
+
+def messages_of(log: Sequence[Input]) -> list[Message]:
+    """Return inputs as messages."""
+    return [
+        Message(FIRST_NS + round(seconds * 1e9), topic, json.dumps(fields).encode(), encoding="application/json")
+        for seconds, topic, fields in log
+    ]
+
+
+def inputs_of(messages: Sequence[Message]) -> list[Input]:
+    """Return messages as inputs; raises ValueError for a payload that is not JSON."""
+    begin = messages[0].time if messages else 0
+    return [((each.time - begin) / 1e9, each.key, json.loads(each.payload)) for each in messages]
+
+
+def numbers(value: Any) -> Iterator[float]:
+    """Yield all numbers in a JSON value."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        for each in value:
+            yield from numbers(each)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield value
+
+
+def all_cases() -> list[Case]:
+    """Return all cases, by name."""
+    return [Case(path.parent) for path in sorted(CASES.glob("*/case.toml"))]
