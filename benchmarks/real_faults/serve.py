@@ -47,7 +47,7 @@ def on_the_bus(module: ModuleType, endpoint: str, *, checked: bool) -> None:
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     config.insert_json5("scouting/multicast/enabled", "false")
     session = zenoh.open(config)
-    arrived = queue.SimpleQueue()
+    arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
     handlers = module.node(lambda topic, fields: session.put(topic, json.dumps(fields).encode()), checked)
     subscribers = [session.declare_subscriber(topic, arrived.put) for topic in handlers]
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -88,7 +88,10 @@ def tried(module: ModuleType, log: Sequence[Any], *, checked: bool) -> dict[str,
     if not child:
         os.close(reading)
         os.dup2(2, 1)  # what libraries print is not an answer
-        send = lambda line: os.write(writing, json.dumps(line).encode() + b"\n")  # noqa: E731
+
+        def send(line: dict[str, Any]) -> None:
+            os.write(writing, json.dumps(line).encode() + b"\n")
+
         try:
             play(module, log, send, checked=checked)
             send({"end": "passed"})
