@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.types import values
+from riot_bus.types import elements
 from riot_bus.types.json_type import JsonType
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_logtools.editing.assignment import parse_assignment
@@ -82,7 +82,7 @@ def test_all_elements():
 
 
 def test_more_elements_than_memory_should_hold_are_refused(monkeypatch):
-    monkeypatch.setattr(values, "_ALL_ELEMENTS", 3)
+    monkeypatch.setattr(elements, "_ALL_ELEMENTS", 3)
     assert applied("a:v[*] = 0", {"v": [1, 2, 3]}) == {"v": [0, 0, 0]}
     with pytest.raises(PayloadError, match="4 elements are more than the 3"):
         applied("a:v[*] = 0", {"v": [1, 2, 3, 4]})
