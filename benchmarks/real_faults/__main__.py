@@ -1,4 +1,4 @@
-"""The judge, real faults of real software: `python -m benchmarks.real_faults check [NAME ...]`; see README.md."""
+"""The judge, real faults of real software: `python -m benchmarks.real_faults check|run [NAME ...]`; see README.md."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.real_faults.case import Case, all_cases
+from benchmarks.real_faults.run import run_case, table, to_json
 
 
 def chosen(names: list[str]) -> list[Case]:
@@ -42,12 +43,22 @@ def main() -> int:
     """Carry out the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    for name, about in {"check": "whether program and twin do what the truth says, without riot"}.items():
-        command = commands.add_parser(name, help=about)
-        command.add_argument("names", nargs="*", metavar="NAME")
-        command.add_argument("--seed", type=int, default=0)
-        command.add_argument("--draws", type=int, default=200)
+    checking = commands.add_parser("check", help="whether program and twin do what the truth says, without riot")
+    checking.add_argument("--draws", type=int, default=200)
+    running = commands.add_parser("run", help="riot test and riot analyze, graded by the truth")
+    running.add_argument("--seconds", type=float, default=120.0, help="for riot analyze")
+    running.add_argument("--as-function", action="store_true", help="the truth stands in for the process")
+    running.add_argument("--no-twin", action="store_true", help="leave the twin out")
+    running.add_argument("--out", type=Path, default=Path("real-faults-out"))
+    running.add_argument("--json", type=Path, help="write all results there")
+    for each in (checking, running):
+        each.add_argument("names", nargs="*", metavar="NAME")
+        each.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
+    return _check(options) if options.command == "check" else _run(options)
+
+
+def _check(options: argparse.Namespace) -> int:
     failed = 0
     for case in chosen(options.names):
         problems = check(case, draws=options.draws, seed=options.seed)
@@ -56,6 +67,18 @@ def main() -> int:
         for each in problems[:10]:
             print(f"    {each}")
     return 1 if failed else 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    how = {"seconds": options.seconds, "seed": options.seed, "as_function": options.as_function}
+    results = []
+    for case in chosen(options.names):
+        print(f"{case.name} ...", file=sys.stderr, flush=True)
+        results.append(run_case(case, options.out / case.name, twin=not options.no_twin, **how))
+        if options.json:
+            options.json.write_text(to_json(results, **how), encoding="utf-8")
+    print(table(results))
+    return 0
 
 
 if __name__ == "__main__":

@@ -81,6 +81,16 @@ class Case:
         """The nominal inputs."""
         return list(self.truth.nominal())
 
+    @cached_property
+    def forms(self) -> dict[str, list[Any]]:
+        """The forms of nominal messages by topic, without what differs between messages of one form."""
+        found: dict[str, list[Any]] = {}
+        for _, topic, fields in self.nominal:
+            forms = found.setdefault(topic, [])
+            if (form := form_of(fields)) not in forms:
+                forms.append(form)
+        return found
+
     @property
     def inputs(self) -> list[str]:
         """The topics of the inputs."""
@@ -94,6 +104,21 @@ class Case:
     def has_truth(self) -> bool:
         """Whether there is a report; controls have none."""
         return self.file.symptom != "none"
+
+    def verdict(self, messages: Sequence[Message]) -> Literal["known", "own", ""]:
+        """Return whether the report's fault occurs, or else whether a payload of another form ends the node."""
+        log: list[Input] = []
+        for seconds, message in zip(seconds_of(messages), messages, strict=True):
+            try:
+                fields = json.loads(message.payload)
+            except ValueError:
+                break
+            if message.kind != "put" or not self.has_form(message.key, fields):
+                break
+            log.append((seconds, message.key, fields))
+        if self.fails(log):
+            return "known"
+        return "own" if len(log) < len(messages) else ""
 
     def environment(self, *, twin: bool) -> Environment:
         """Return the environment of the program, or of the twin."""
@@ -125,6 +150,10 @@ class Case:
                 return any(not math.isfinite(each) for _, fields in run.outputs for each in numbers(fields))
             case _:
                 return bool(self.truth.shows(list(log), run.outputs))
+
+    def has_form(self, topic: str, fields: Any) -> bool:
+        """Return whether a message has a form of nominal ones."""
+        return any(has_form(fields, form) for form in self.forms[topic])
 
     def run(self, logs: Sequence[Sequence[Input]], *, twin: bool = False) -> Iterator[Run]:
         """Run logs without riot, each with a new process."""
@@ -192,10 +221,16 @@ def messages_of(log: Sequence[Input]) -> list[Message]:
     ]
 
 
+def seconds_of(messages: Sequence[Message]) -> list[float]:
+    """Return the time of each message since the first one."""
+    return [(each.time - messages[0].time) / 1e9 for each in messages]
+
+
 def inputs_of(messages: Sequence[Message]) -> list[Input]:
     """Return messages as inputs; raises ValueError for a payload that is not JSON."""
-    begin = messages[0].time if messages else 0
-    return [((each.time - begin) / 1e9, each.key, json.loads(each.payload)) for each in messages]
+    return [
+        (time, each.key, json.loads(each.payload)) for time, each in zip(seconds_of(messages), messages, strict=True)
+    ]
 
 
 def numbers(value: Any) -> Iterator[float]:
@@ -207,6 +242,27 @@ def numbers(value: Any) -> Iterator[float]:
             yield from numbers(each)
     elif isinstance(value, int | float) and not isinstance(value, bool):
         yield value
+
+
+def form_of(value: Any) -> Any:
+    """Return a value without what differs between messages of one form: numbers, texts, and lengths of arrays."""
+    if isinstance(value, dict):
+        return {key: form_of(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [form_of(value[0])] if value else []
+    return 0 if isinstance(value, int | float) and not isinstance(value, bool) else type(value)()
+
+
+def has_form(value: Any, form: Any) -> bool:
+    """Return whether a value has the keys and types of a form."""
+    if isinstance(form, dict):
+        same = isinstance(value, dict) and value.keys() == form.keys()
+        return same and all(has_form(value[key], form[key]) for key in form)
+    if isinstance(form, list):
+        return isinstance(value, list) and all(has_form(each, form[0]) for each in value if form)
+    if isinstance(form, bool) or not isinstance(form, int):
+        return type(value) is type(form)
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def all_cases() -> list[Case]:

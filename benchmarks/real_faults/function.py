@@ -1,0 +1,92 @@
+"""The truth of a case instead of its processes: runners for campaigns and steps that take milliseconds for a trial."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from benchmarks.real_faults.case import Case
+from riot_bus.chain.base.workspace import Workspace
+from riot_bus.inject.apply import inject_log
+from riot_bus.trial.baseline import Baseline, probe_of
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
+
+SIGNATURES = {
+    "crash": "crash in node: the report's fault",
+    "hang": "hang of node: the report's fault",
+    "silent": "silent of node: nothing on answer",
+    "nan": "mined finite of answer:value",
+    "wrong": "range of answer:error",
+    "none": "",
+}
+OWN = "crash in node: a payload of another form"
+
+
+class TruthRunner:
+    """Answers trials by the truth of a case; a `RunnerFactory` and its own runner."""
+
+    parallelism = 64
+
+    def __init__(self, case: Case) -> None:
+        self._case, self._registry = case, TypeRegistry()
+
+    def unit(self, *_: Any, **__: Any) -> TruthRunner:
+        """Return itself."""
+        return self
+
+    def system(self, *_: Any, **__: Any) -> TruthRunner:
+        """Return itself: there is nothing around the unit."""
+        return self
+
+    def baseline(self, unit: str, log: Callable[[], Sequence[Message]]) -> Baseline:
+        """Return what nominal trials of a process that answers each input would show."""
+        messages = tuple(log())
+        counts = Counter({"answer": len(messages)})
+        probe = probe_of(messages)
+        return Baseline(trials=3, log=messages, probe=probe, log_answers=counts, probe_answers={"answer": len(probe)})
+
+    def in_system(self, *_: Any, **__: Any) -> Baseline:
+        """Return a baseline of nothing."""
+        return Baseline()
+
+    def keep_evidence(self, *_: Any, **__: Any) -> bool:
+        """Keep nothing and return False."""
+        return False
+
+    def close(self) -> None:
+        """Do nothing, since nothing was started."""
+
+    def run(self, cases: Sequence[TestCase]) -> list[Outcome]:
+        """Answer all cases."""
+        return [self._answer(case) for case in cases]
+
+    def _answer(self, case: TestCase) -> Outcome:
+        reached: list[list[int]] = []
+        messages, touched = inject_log(
+            case.messages, case.injections, registry=self._registry, seed=case.seed, reached=reached
+        )
+        found = self._violation(messages, case)
+        statistics = {
+            "played": len(messages),
+            "messages": len(messages),
+            "modified": len(touched),
+            "delivered": [len(each) for each in reached],
+            "outputs": len(messages),
+        }
+        verdict = Verdict.FAIL if found else Verdict.PASS
+        return Outcome(verdict, (found,) if found else (), seconds=0.001, statistics=statistics)
+
+    def _violation(self, messages: Sequence[Message], case: TestCase) -> Violation | None:
+        verdict, file = self._case.verdict(messages), self._case.file
+        if verdict == "known" and random.Random(f"{case.digest()} {case.again}").random() < file.chance:
+            return Violation(file.symptom, "node", SIGNATURES[file.symptom])
+        return Violation("crash", "node", OWN) if verdict == "own" else None
+
+
+def workspace_of(case: Case, folder: Any, *, seed: int) -> Workspace:
+    """Return a workspace in which the truth of a case answers."""
+    return Workspace(case.write(folder), folder / "riot-out", seed=seed, runners=TruthRunner(case))

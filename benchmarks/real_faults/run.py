@@ -1,0 +1,152 @@
+"""Runs riot on cases as a user does, or on their truths, and prints a table of the grades."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from benchmarks.real_faults.case import Case
+from benchmarks.real_faults.function import workspace_of
+from benchmarks.real_faults.grade import GOOD, Grade, grade
+from riot_bus.chain.steps.analyze import analyze_all
+from riot_bus.chain.steps.robustness import test_unit
+from riot_bus.vocabulary.errors import RiotError
+
+_BEYOND_S = 300.0  # `riot analyze --for` ends a step in time, but not at once
+
+
+@dataclass(slots=True)
+class Result:
+    """One case: what `riot test` took, what riot found out, and what it found on the twin.
+
+    Attributes:
+        test_s: Duration of `riot test` in seconds.
+        seconds: Duration of `riot test` and `riot analyze` in seconds.
+        load: Processes that wanted a processor over the last minute, at the end.
+        error: What went wrong, if there is no grade.
+    """
+
+    name: str
+    kind: str
+    test_s: float = 0.0
+    seconds: float = 0.0
+    load: float = 0.0
+    grade: Grade | None = None
+    twin: dict[str, int] = field(default_factory=dict)
+    error: str = ""
+
+
+def run_case(case: Case, out: Path, *, seconds: float, seed: int, twin: bool, as_function: bool) -> Result:
+    """Run riot on a case, and grade what it says.
+
+    Args:
+        out: Folder that everything is written into; what is there is removed.
+        seconds: Time for `riot analyze`, in seconds.
+        twin: Whether to test the twin, too.
+        as_function: Whether the truth stands in for the process.
+    """
+    shutil.rmtree(out, ignore_errors=True)
+    result, began = Result(case.name, case.file.kind), time.monotonic()
+    try:
+        if as_function:
+            _as_function(case, out, result, seed=seed)
+        else:
+            system = case.write(out)
+            _riot(out, 900.0, "test", f"--seed={seed}")
+            result.test_s = time.monotonic() - began
+            if any((out / "riot-out/findings").glob("*/finding.json")):
+                _riot(out, seconds + _BEYOND_S, "analyze", f"--seed={seed}", f"--for={seconds:.0f}s")
+            if twin and case.has_truth:
+                system = case.write(out / "twin", twin=True)
+                _riot(system.parent, 900.0, "test", f"--seed={seed}")
+                found = grade(case, out / "twin/riot-out", twin=True).findings
+                result.twin = dict(Counter(each.sort for each in found))
+        result.seconds = time.monotonic() - began
+        result.grade = grade(case, out / "riot-out")
+    except (RiotError, RuntimeError, OSError, subprocess.TimeoutExpired) as error:
+        result.error = str(error)[:300]
+        result.seconds = time.monotonic() - began
+    result.load = os.getloadavg()[0]
+    return result
+
+
+def _as_function(case: Case, out: Path, result: Result, *, seed: int) -> None:
+    began = time.monotonic()
+    with workspace_of(case, out, seed=seed) as workspace:
+        folders = test_unit(workspace, "node", trials=100, seconds=None, covered=False)
+        result.test_s = time.monotonic() - began
+        analyze_all(workspace, folders)
+
+
+def _riot(folder: Path, seconds: float, *words: str) -> None:
+    """Run a command of riot in a folder; what it prints is kept there. Exit codes above 5 are errors."""
+    with (folder / f"{words[0]}.txt").open("w") as text:
+        done = subprocess.run(
+            [sys.executable, "-m", "riot_bus", *words],
+            cwd=folder,
+            stdout=text,
+            stderr=text,
+            timeout=seconds,
+            check=False,
+        )
+    if done.returncode not in (0, 1, 5):
+        last = (folder / f"{words[0]}.txt").read_text().strip().splitlines()[-1:]
+        raise RuntimeError(f"riot {words[0]} ended with {done.returncode}: {' '.join(last)}")
+
+
+def table(results: Sequence[Result]) -> str:
+    """Return a table in Markdown."""
+    rows = [
+        "| case | kind | met | trials | tried | findings: known, other, own, false | best rule | claims that are wrong "
+        "| twin | test s | all s |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for one in results:
+        if one.grade is None:
+            rows.append(f"| {one.name} | {one.kind} | error: {one.error} | | | | | | | | {one.seconds:.0f} |")
+            continue
+        found = one.grade
+        sorts = Counter(each.sort for each in found.findings)
+        best = max((each for each in found.findings if each.accuracy is not None), key=_accuracy, default=None)
+        wrong = [*found.wrong, *(text for each in found.findings for text in each.wrong)]
+        cells = (
+            one.name,
+            one.kind,
+            "yes" if found.met else "**no**",
+            found.trials,
+            f"{found.tried} of {found.coverable}",
+            ", ".join(str(sorts[key]) for key in ("known", "other", "own", "false")),
+            "" if best is None else f"{best.accuracy:.2f} `{best.rule}`",
+            "; ".join(wrong),
+            ", ".join(f"{count} {sort}" for sort, count in one.twin.items()),
+            f"{one.test_s:.0f}",
+            f"{one.seconds:.0f}",
+        )
+        rows.append(f"| {' | '.join(str(each).replace('|', '/') for each in cells)} |")
+    graded = [one.grade for one in results if one.grade is not None]
+    explained = sum(any((each.accuracy or 0) >= GOOD for each in one.findings) for one in graded)
+    loads = [one.load for one in results]
+    met = sum(one.met for one in graded)
+    rows += ["", f"Met {met} of {len(results)}, explained (balanced accuracy >= {GOOD}) {explained}."]
+    rows += [f"Load {min(loads, default=0):.1f} to {max(loads, default=0):.1f}."]
+    return "\n".join(rows)
+
+
+def _accuracy(one: Any) -> float:
+    return float(one.accuracy)
+
+
+def to_json(results: Sequence[Result], **options: Any) -> str:
+    """Return results, options and machine as JSON."""
+    machine = {"python": platform.python_version(), "cpus": os.cpu_count(), "system": platform.platform()}
+    return json.dumps({"machine": machine, "options": options, "results": [asdict(one) for one in results]}, indent=1)
