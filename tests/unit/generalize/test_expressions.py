@@ -59,3 +59,4 @@ def test_texts_have_the_parentheses_that_they_need() -> None:
     assert text(Applied("and", (X, 8))) == "(x & 8)"
     assert text(Applied("signed", (Applied("add", (X, Y)), 16))) == "int16(x + y)"
     assert text(Applied("div", (X, Applied("mul", (X, Y))))) == "x / (x * y)"
+    assert text(Applied("add", (X, Applied("add", (Y, 1))))) == "x + y + 1"
