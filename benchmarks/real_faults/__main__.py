@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.real_faults.case import Case, all_cases
-from benchmarks.real_faults.run import run_case, table, to_json
+from benchmarks.real_faults.run import peers_table, run_case, table, to_json
 
 
 def chosen(names: list[str]) -> list[Case]:
@@ -49,6 +49,7 @@ def main() -> int:
     running.add_argument("--seconds", type=float, default=120.0, help="for riot analyze")
     running.add_argument("--as-function", action="store_true", help="the truth stands in for the process")
     running.add_argument("--no-twin", action="store_true", help="leave the twin out")
+    running.add_argument("--no-peers", action="store_true", help="leave out what people would use instead")
     running.add_argument("--out", type=Path, default=Path("real-faults-out"))
     running.add_argument("--json", type=Path, help="write all results there")
     for each in (checking, running):
@@ -74,10 +75,12 @@ def _run(options: argparse.Namespace) -> int:
     results = []
     for case in chosen(options.names):
         print(f"{case.name} ...", file=sys.stderr, flush=True)
-        results.append(run_case(case, options.out / case.name, twin=not options.no_twin, **how))
+        results.append(
+            run_case(case, options.out / case.name, twin=not options.no_twin, peers=not options.no_peers, **how)
+        )
         if options.json:
             options.json.write_text(to_json(results, **how), encoding="utf-8")
-    print(table(results))
+    print(table(results), peers_table(results), sep="\n\n")
     return 0
 
 

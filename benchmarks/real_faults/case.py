@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -155,22 +156,35 @@ class Case:
         """Return whether a message has a form of nominal ones."""
         return any(has_form(fields, form) for form in self.forms[topic])
 
-    def run(self, logs: Sequence[Sequence[Input]], *, twin: bool = False) -> Iterator[Run]:
-        """Run logs without riot, each with a new process."""
+    @contextmanager
+    def program(self, *, twin: bool = False) -> Iterator[Callable[[Sequence[Input]], Run]]:
+        """Yield a function that runs a log without riot, with a new process each time."""
         with subprocess.Popen(
-            self.command("-", twin=twin), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            text=True, cwd=self.folder,
-        ) as process:  # fmt: skip
+            self.command("-", twin=twin),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            cwd=self.folder,
+        ) as process:
             assert process.stdin is not None
             assert process.stdout is not None
-            for log in logs:
-                process.stdin.write(json.dumps(log) + "\n")
-                process.stdin.flush()
-                line = process.stdout.readline()
-                if not line:
-                    raise RuntimeError(f"{self.name}: the node has ended; try it: {' '.join(process.args)}")  # type: ignore[arg-type]
-                yield Run(**json.loads(line))
-            process.stdin.close()
+            feed, answers = process.stdin, process.stdout
+
+            def run(log: Sequence[Input]) -> Run:
+                feed.write(json.dumps(log) + "\n")
+                feed.flush()
+                if line := answers.readline():
+                    return Run(**json.loads(line))
+                raise RuntimeError(f"{self.name}: the node has ended; try it: {' '.join(self.command('-', twin=twin))}")
+
+            yield run
+            feed.close()
+
+    def run(self, logs: Sequence[Sequence[Input]], *, twin: bool = False) -> Iterator[Run]:
+        """Run logs without riot, each with a new process."""
+        with self.program(twin=twin) as run:
+            yield from map(run, logs)
 
     def shown(
         self, logs: Sequence[tuple[bool, Sequence[Input], str]], *, twin: bool = False

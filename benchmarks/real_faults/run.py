@@ -18,6 +18,7 @@ from typing import Any
 from benchmarks.real_faults.case import Case
 from benchmarks.real_faults.function import workspace_of
 from benchmarks.real_faults.grade import GOOD, Grade, grade
+from benchmarks.real_faults.peers import PEERS, PeerResult, run_peers
 from riot_bus.chain.steps.analyze import analyze_all
 from riot_bus.chain.steps.robustness import test_unit
 from riot_bus.vocabulary.errors import RiotError
@@ -30,7 +31,7 @@ class Result:
     """One case: what `riot test` took, what riot found out, and what it found on the twin.
 
     Attributes:
-        test_s: Duration of `riot test` in seconds.
+        test_s: Duration of `riot test` in seconds, which each peer gets, too.
         seconds: Duration of `riot test` and `riot analyze` in seconds.
         load: Processes that wanted a processor over the last minute, at the end.
         error: What went wrong, if there is no grade.
@@ -43,16 +44,18 @@ class Result:
     load: float = 0.0
     grade: Grade | None = None
     twin: dict[str, int] = field(default_factory=dict)
+    peers: dict[str, PeerResult] = field(default_factory=dict)
     error: str = ""
 
 
-def run_case(case: Case, out: Path, *, seconds: float, seed: int, twin: bool, as_function: bool) -> Result:
+def run_case(case: Case, out: Path, *, seconds: float, seed: int, twin: bool, peers: bool, as_function: bool) -> Result:
     """Run riot on a case, and grade what it says.
 
     Args:
         out: Folder that everything is written into; what is there is removed.
         seconds: Time for `riot analyze`, in seconds.
         twin: Whether to test the twin, too.
+        peers: Whether to run the peers, each for as long as `riot test` took.
         as_function: Whether the truth stands in for the process.
     """
     shutil.rmtree(out, ignore_errors=True)
@@ -72,6 +75,8 @@ def run_case(case: Case, out: Path, *, seconds: float, seed: int, twin: bool, as
                 found = grade(case, out / "twin/riot-out", twin=True).findings
                 result.twin = dict(Counter(each.sort for each in found))
         result.seconds = time.monotonic() - began
+        if peers and case.has_truth and not as_function:
+            result.peers = run_peers(case, seconds=result.test_s, seed=seed)
         result.grade = grade(case, out / "riot-out")
     except (RiotError, RuntimeError, OSError, subprocess.TimeoutExpired) as error:
         result.error = str(error)[:300]
@@ -139,6 +144,19 @@ def table(results: Sequence[Result]) -> str:
     met = sum(one.met for one in graded)
     rows += ["", f"Met {met} of {len(results)}, explained (balanced accuracy >= {GOOD}) {explained}."]
     rows += [f"Load {min(loads, default=0):.1f} to {max(loads, default=0):.1f}."]
+    return "\n".join(rows)
+
+
+def peers_table(results: Sequence[Result]) -> str:
+    """Return what riot and its peers met in the same time, after how many trials and seconds, in Markdown."""
+    rows = [f"| case | riot | {' | '.join(PEERS)} |", f"|---|---|{'---|' * len(PEERS)}"]
+    for one in (each for each in results if each.peers):
+        cells = ["yes" if one.grade is not None and one.grade.met else "**no**"]
+        for name in PEERS:
+            peer = one.peers[name]
+            met = f"{peer.runs} logs, {peer.seconds:.0f} s" if peer.met else "**no**"
+            cells.append(f"{met}; {len(peer.failures)} failures")
+        rows.append(f"| {one.name} | {' | '.join(cells)} |")
     return "\n".join(rows)
 
 
