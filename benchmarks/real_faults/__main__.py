@@ -1,13 +1,16 @@
-"""The judge, real faults of real software: `python -m benchmarks.real_faults check|run [NAME ...]`; see README.md."""
+"""The judge, real faults of real software: `python -m benchmarks.real_faults COMMAND`; see README.md."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
+import tempfile
 from pathlib import Path
 
 from benchmarks.real_faults.case import Case, all_cases
-from benchmarks.real_faults.run import peers_table, run_case, table, to_json
+from benchmarks.real_faults.page import PAGE, page, peers_table, summary, table
+from benchmarks.real_faults.run import run_case, save
 
 
 def chosen(names: list[str]) -> list[Case]:
@@ -50,13 +53,15 @@ def main() -> int:
     running.add_argument("--as-function", action="store_true", help="the truth stands in for the process")
     running.add_argument("--no-twin", action="store_true", help="leave the twin out")
     running.add_argument("--no-peers", action="store_true", help="leave out what people would use instead")
-    running.add_argument("--out", type=Path, default=Path("real-faults-out"))
+    running.add_argument("--out", type=Path, help="keep what riot writes there")
     running.add_argument("--json", type=Path, help="write all results there")
+    paging = commands.add_parser("page", help="write docs/real-software.md")
+    paging.add_argument("json", type=Path, help="results of `run --json`")
     for each in (checking, running):
         each.add_argument("names", nargs="*", metavar="NAME")
         each.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    return _check(options) if options.command == "check" else _run(options)
+    return {"check": _check, "run": _run, "page": _page}[options.command](options)
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -73,14 +78,22 @@ def _check(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     how = {"seconds": options.seconds, "seed": options.seed, "as_function": options.as_function}
     results = []
-    for case in chosen(options.names):
-        print(f"{case.name} ...", file=sys.stderr, flush=True)
-        results.append(
-            run_case(case, options.out / case.name, twin=not options.no_twin, peers=not options.no_peers, **how)
-        )
-        if options.json:
-            options.json.write_text(to_json(results, **how), encoding="utf-8")
-    print(table(results), peers_table(results), sep="\n\n")
+    with tempfile.TemporaryDirectory(prefix="real-faults-") as folder:
+        out = options.out or Path(folder)
+        path = options.json or out / "results.json"
+        for case in chosen(options.names):
+            print(f"{case.name} ...", file=sys.stderr, flush=True)
+            more = {"twin": not options.no_twin, "peers": not options.no_peers}
+            results.append(run_case(case, out / case.name, **how, **more))
+            save(path, results, **how)
+        saved = json.loads(path.read_text(encoding="utf-8"))["results"]
+    print(table(saved), peers_table(saved), " ".join(summary(saved)), sep="\n\n")
+    return 0
+
+
+def _page(options: argparse.Namespace) -> int:
+    saved = json.loads(options.json.read_text(encoding="utf-8"))
+    PAGE.write_text(page(saved, all_cases()), encoding="utf-8")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Runs riot on cases as a user does, or on their truths, and prints a table of the grades."""
+"""Runs riot on cases as a user does, or on their truths, and the peers beside it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from typing import Any
 
 from benchmarks.real_faults.case import Case
 from benchmarks.real_faults.function import workspace_of
-from benchmarks.real_faults.grade import GOOD, Grade, grade
-from benchmarks.real_faults.peers import PEERS, PeerResult, run_peers
+from benchmarks.real_faults.grade import Grade, grade
+from benchmarks.real_faults.peers import PeerResult, run_peers
 from riot_bus.chain.steps.analyze import analyze_all
 from riot_bus.chain.steps.robustness import test_unit
 from riot_bus.vocabulary.errors import RiotError
@@ -109,62 +109,14 @@ def _riot(folder: Path, seconds: float, *words: str) -> None:
         raise RuntimeError(f"riot {words[0]} ended with {done.returncode}: {' '.join(last)}")
 
 
-def table(results: Sequence[Result]) -> str:
-    """Return a table in Markdown."""
-    rows = [
-        "| case | kind | met | trials | tried | findings: known, other, own, false | best rule | claims that are wrong "
-        "| twin | test s | all s |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for one in results:
-        if one.grade is None:
-            rows.append(f"| {one.name} | {one.kind} | error: {one.error} | | | | | | | | {one.seconds:.0f} |")
-            continue
-        found = one.grade
-        sorts = Counter(each.sort for each in found.findings)
-        best = max((each for each in found.findings if each.accuracy is not None), key=_accuracy, default=None)
-        wrong = [*found.wrong, *(text for each in found.findings for text in each.wrong)]
-        cells = (
-            one.name,
-            one.kind,
-            "yes" if found.met else "**no**",
-            found.trials,
-            f"{found.tried} of {found.coverable}",
-            ", ".join(str(sorts[key]) for key in ("known", "other", "own", "false")),
-            "" if best is None else f"{best.accuracy:.2f} `{best.rule}`",
-            "; ".join(wrong),
-            ", ".join(f"{count} {sort}" for sort, count in one.twin.items()),
-            f"{one.test_s:.0f}",
-            f"{one.seconds:.0f}",
-        )
-        rows.append(f"| {' | '.join(str(each).replace('|', '/') for each in cells)} |")
-    graded = [one.grade for one in results if one.grade is not None]
-    explained = sum(any((each.accuracy or 0) >= GOOD for each in one.findings) for one in graded)
-    loads = [one.load for one in results]
-    met = sum(one.met for one in graded)
-    rows += ["", f"Met {met} of {len(results)}, explained (balanced accuracy >= {GOOD}) {explained}."]
-    rows += [f"Load {min(loads, default=0):.1f} to {max(loads, default=0):.1f}."]
-    return "\n".join(rows)
-
-
-def peers_table(results: Sequence[Result]) -> str:
-    """Return what riot and its peers met in the same time, after how many trials and seconds, in Markdown."""
-    rows = [f"| case | riot | {' | '.join(PEERS)} |", f"|---|---|{'---|' * len(PEERS)}"]
-    for one in (each for each in results if each.peers):
-        cells = ["yes" if one.grade is not None and one.grade.met else "**no**"]
-        for name in PEERS:
-            peer = one.peers[name]
-            met = f"{peer.runs} logs, {peer.seconds:.0f} s" if peer.met else "**no**"
-            cells.append(f"{met}; {len(peer.failures)} failures")
-        rows.append(f"| {one.name} | {' | '.join(cells)} |")
-    return "\n".join(rows)
-
-
-def _accuracy(one: Any) -> float:
-    return float(one.accuracy)
-
-
-def to_json(results: Sequence[Result], **options: Any) -> str:
-    """Return results, options and machine as JSON."""
-    machine = {"python": platform.python_version(), "cpus": os.cpu_count(), "system": platform.platform()}
-    return json.dumps({"machine": machine, "options": options, "results": [asdict(one) for one in results]}, indent=1)
+def save(path: Path, results: Sequence[Result], **options: Any) -> None:
+    """Write results with options, date, commit and machine as JSON."""
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False).stdout
+    about = {
+        "date": time.strftime("%Y-%m-%d"),
+        "commit": commit.strip(),
+        "python": platform.python_version(),
+        "cpus": os.cpu_count(),
+        **options,
+    }
+    path.write_text(json.dumps({"about": about, "results": [asdict(one) for one in results]}, indent=1) + "\n")
