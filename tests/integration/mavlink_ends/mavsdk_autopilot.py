@@ -9,7 +9,7 @@ import threading
 
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins.action_server import ActionServer
-from mavsdk.plugins.mission_raw_server import MissionRawServer
+from mavsdk.plugins.mission_raw_server import MissionRawServer, MissionRawServerResult
 from mavsdk.plugins.param_server import ParamServer
 from mavsdk.plugins.telemetry_server import Heading, Position, TelemetryServer, VelocityNed
 
@@ -29,7 +29,12 @@ def main(url):
     action.set_allow_takeoff(True)
     action.subscribe_arm_disarm(lambda result, each, _=None: told["armed"].append(each.arm))
     missions = MissionRawServer(sdk.server_component())
-    missions.subscribe_incoming_mission(lambda result, plan, _=None: told["missions"].append(len(plan.mission_items)))
+
+    def on_mission(result, plan, _=None):
+        if result == MissionRawServerResult.SUCCESS:  # on a loaded machine one may be given up, and come again
+            told["missions"].append(len(plan.mission_items))
+
+    missions.subscribe_incoming_mission(on_mission)
     telemetry = TelemetryServer(sdk.server_component())
     told["connection"] = str(sdk.add_any_connection(url))
     ended = threading.Event()
