@@ -14,12 +14,13 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-__all__ = ["ENVIRONMENTS", "Environment", "importable", "provide", "require"]
+__all__ = ["ENVIRONMENTS", "QUICK", "Environment", "importable", "of_case", "provide", "require"]
 
 _INSTALL_S = 600
 _FOREIGN = ("PYTHON", "ROS_", "RMW_", "AMENT_")
@@ -118,7 +119,20 @@ OPTUNA = Environment("optuna", ("optuna==5.0.0",), "import optuna", options=("--
 """Much for few, so requirements.lock has it not; tests put its folder on their own path, too."""
 MKDOCS = Environment("mkdocs", ("mkdocs-material==9.8.2",), "import material", options=("--only-binary=:all:",))
 """What builds the site of the documentation."""
-ENVIRONMENTS = (ROS2, MAVLINK, SDK, LIBRARIES, FOXGLOVE, RTAMT, OPTUNA, MKDOCS)
+CASES = Path(__file__).resolve().parents[1] / "benchmarks/real_faults/cases"
+
+
+def of_case(folder: Path, *, twin: bool = False) -> Environment:
+    """Return the environment of a real fault's program, or of its twin."""
+    case = tomllib.loads((folder / "case.toml").read_text(encoding="utf-8"))
+    packages = case.get("twin") if twin and case.get("twin") else case["packages"]
+    return Environment(f"case-{folder.name}", (*packages, "eclipse-zenoh==1.10.2"), "import zenoh")
+
+
+QUICK = tuple(CASES / name for name in ("pyais", "pynmea2", "utm"))
+"""The real faults that each run of the tests checks; `benchmarks/real_faults` has the others."""
+CASE_ENVIRONMENTS = tuple(dict.fromkeys(of_case(case, twin=twin) for case in QUICK for twin in (False, True)))
+ENVIRONMENTS = (ROS2, MAVLINK, SDK, LIBRARIES, FOXGLOVE, RTAMT, OPTUNA, MKDOCS, *CASE_ENVIRONMENTS)
 
 
 def require(environment: Environment) -> Path:

@@ -20,12 +20,11 @@ from pydantic import BaseModel, ConfigDict
 
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
-from tests.interop import Environment, provide
+from tests.interop import of_case, provide
 
 HERE = Path(__file__).resolve().parent
 CASES = HERE / "cases"
 SERVE = HERE / "serve.py"
-ZENOH = "eclipse-zenoh==1.10.2"
 FIRST_NS = 10**18
 
 Input = tuple[float, str, Any]
@@ -106,8 +105,13 @@ class Case:
         """Whether there is a report; controls have none."""
         return self.file.symptom != "none"
 
-    def verdict(self, messages: Sequence[Message]) -> Literal["known", "own", ""]:
-        """Return whether the report's fault occurs, or else whether a payload of another form ends the node."""
+    def verdict(self, messages: Sequence[Message]) -> tuple[Literal["known", "own", ""], int]:
+        """Return what occurs first, and at which message.
+
+        Returns:
+            `known`: the report's fault; `own`: a payload of another form, which ends a node that takes its messages for
+            what they are; empty if nothing does. Then the number of messages, else the index of the message.
+        """
         log: list[Input] = []
         for seconds, message in zip(seconds_of(messages), messages, strict=True):
             try:
@@ -117,18 +121,13 @@ class Case:
             if message.kind != "put" or not self.has_form(message.key, fields):
                 break
             log.append((seconds, message.key, fields))
-        if self.fails(log):
-            return "known"
-        return "own" if len(log) < len(messages) else ""
-
-    def environment(self, *, twin: bool) -> Environment:
-        """Return the environment of the program, or of the twin."""
-        packages = self.file.twin if twin and self.file.twin else self.file.packages
-        return Environment(f"case-{self.name}", (*packages, ZENOH), "import zenoh")
+        if self.has_truth and (index := self.truth.fails(log)) is not None:
+            return "known", index
+        return "own" if len(log) < len(messages) else "", len(log)
 
     def python(self, *, twin: bool = False) -> Path:
         """Return the interpreter of the program, or of the twin, installed if necessary; raises RuntimeError."""
-        environment = self.environment(twin=twin)
+        environment = of_case(self.folder, twin=twin)
         if problem := provide(environment):
             raise RuntimeError(f"{self.name}: {problem}")
         return environment.entry
@@ -146,9 +145,9 @@ class Case:
             case "hang":
                 return run.end == "hung"
             case "none":
-                return run.end != "passed"
+                return run.end != "passed" or not _finite(run)
             case "nan":
-                return any(not math.isfinite(each) for _, fields in run.outputs for each in numbers(fields))
+                return not _finite(run)
             case _:
                 return bool(self.truth.shows(list(log), run.outputs))
 
@@ -245,6 +244,10 @@ def inputs_of(messages: Sequence[Message]) -> list[Input]:
     return [
         (time, each.key, json.loads(each.payload)) for time, each in zip(seconds_of(messages), messages, strict=True)
     ]
+
+
+def _finite(run: Run) -> bool:
+    return all(math.isfinite(each) for _, fields in run.outputs for each in numbers(fields))
 
 
 def numbers(value: Any) -> Iterator[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -65,26 +66,28 @@ class TruthRunner:
         return [self._answer(case) for case in cases]
 
     def _answer(self, case: TestCase) -> Outcome:
-        reached: list[list[int]] = []
+        file, reached, ahead = self._case.file, list[list[int]](), list[int]()
         messages, touched = inject_log(
-            case.messages, case.injections, registry=self._registry, seed=case.seed, reached=reached
+            case.messages, case.injections, registry=self._registry, seed=case.seed, reached=reached, ahead=ahead
         )
-        found = self._violation(messages, case)
+        verdict, index = self._case.verdict(messages)
+        if verdict == "known" and random.Random(f"{case.digest()} {case.again}").random() >= file.chance:
+            verdict, index = "", len(messages)
+        found: tuple[Violation, ...] = ()
+        if verdict:
+            symptom, signature = ("crash", OWN) if verdict == "own" else (file.symptom, SIGNATURES[file.symptom])
+            found = (Violation(symptom, "node", signature),)
+        ended = verdict == "own" or (verdict and file.symptom in ("crash", "hang"))
+        sent = index + 1 if ended else len(messages)
+        turns = bisect_left(ahead, sent) if ended else len(case.messages)  # as in a trial: what came before its end
         statistics = {
-            "played": len(messages),
+            "played": sent,
             "messages": len(messages),
-            "modified": len(touched),
-            "delivered": [len(each) for each in reached],
-            "outputs": len(messages),
+            "modified": sum(number < turns for number, _, _ in touched),
+            "delivered": [sum(number < turns for number in each) for each in reached],
+            "outputs": sent,
         }
-        verdict = Verdict.FAIL if found else Verdict.PASS
-        return Outcome(verdict, (found,) if found else (), seconds=0.001, statistics=statistics)
-
-    def _violation(self, messages: Sequence[Message], case: TestCase) -> Violation | None:
-        verdict, file = self._case.verdict(messages), self._case.file
-        if verdict == "known" and random.Random(f"{case.digest()} {case.again}").random() < file.chance:
-            return Violation(file.symptom, "node", SIGNATURES[file.symptom])
-        return Violation("crash", "node", OWN) if verdict == "own" else None
+        return Outcome(Verdict.FAIL if found else Verdict.PASS, found, seconds=0.001, statistics=statistics)
 
 
 def workspace_of(case: Case, folder: Any, *, seed: int) -> Workspace:

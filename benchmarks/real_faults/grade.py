@@ -73,7 +73,7 @@ def _graded(case: Case, folder: Path, *, twin: bool) -> GradedFinding:
     finding = FindingRecord.load(folder)
     minimal = folder / "minimal.mcap"
     messages = read_log(minimal if minimal.exists() else folder / "failure.mcap")
-    sort = case.verdict(messages) or "false"
+    sort = case.verdict(messages)[0] or "false"
     found = GradedFinding(finding.id, finding.signature, "false" if twin and sort == "known" else sort, len(messages))
     if found.sort == "false":
         (run,) = case.run([inputs_of(messages)], twin=twin)

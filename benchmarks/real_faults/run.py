@@ -24,6 +24,7 @@ from riot_bus.chain.steps.robustness import test_unit
 from riot_bus.vocabulary.errors import RiotError
 
 _BEYOND_S = 300.0  # `riot analyze --for` ends a step in time, but not at once
+_TRIALS = 300  # what both commands try of a unit in two minutes
 
 
 @dataclass(slots=True)
@@ -88,7 +89,7 @@ def run_case(case: Case, out: Path, *, seconds: float, seed: int, twin: bool, pe
 def _as_function(case: Case, out: Path, result: Result, *, seed: int) -> None:
     began = time.monotonic()
     with workspace_of(case, out, seed=seed) as workspace:
-        folders = test_unit(workspace, "node", trials=100, seconds=None, covered=False)
+        folders = test_unit(workspace, "node", trials=_TRIALS, seconds=None, covered=False)
         result.test_s = time.monotonic() - began
         analyze_all(workspace, folders)
 
