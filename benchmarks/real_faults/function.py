@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from benchmarks.real_faults.case import Case
-from riot_bus.chain.base.workspace import Workspace
 from riot_bus.inject.apply import inject_log
 from riot_bus.trial.baseline import Baseline, probe_of
 from riot_bus.types.registry import TypeRegistry
@@ -34,6 +33,8 @@ class TruthRunner:
 
     def __init__(self, case: Case) -> None:
         self._case, self._registry = case, TypeRegistry()
+        self.asked = 0
+        """Number of trials so far."""
 
     def unit(self, *_: Any, **__: Any) -> TruthRunner:
         """Return itself."""
@@ -63,6 +64,7 @@ class TruthRunner:
 
     def run(self, cases: Sequence[TestCase]) -> list[Outcome]:
         """Answer all cases."""
+        self.asked += len(cases)
         return [self._answer(case) for case in cases]
 
     def _answer(self, case: TestCase) -> Outcome:
@@ -88,8 +90,3 @@ class TruthRunner:
             "outputs": sent,
         }
         return Outcome(Verdict.FAIL if found else Verdict.PASS, found, seconds=0.001, statistics=statistics)
-
-
-def workspace_of(case: Case, folder: Any, *, seed: int) -> Workspace:
-    """Return a workspace in which the truth of a case answers."""
-    return Workspace(case.write(folder), folder / "riot-out", seed=seed, runners=TruthRunner(case))

@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.real_faults.case import Case
-from benchmarks.real_faults.function import workspace_of
+from benchmarks.real_faults.function import TruthRunner
 from benchmarks.real_faults.grade import Grade, grade
 from benchmarks.real_faults.peers import PeerResult, run_peers
+from riot_bus.chain.base.workspace import Workspace
 from riot_bus.chain.steps.analyze import analyze_all
 from riot_bus.chain.steps.robustness import test_unit
 from riot_bus.vocabulary.errors import RiotError
@@ -32,6 +33,7 @@ class Result:
     """One case: what `riot test` took, what riot found out, and what it found on the twin.
 
     Attributes:
+        trials: Number of all trials, as far as the truth was asked.
         test_s: Duration of `riot test` in seconds, which each peer gets, too.
         seconds: Duration of `riot test` and `riot analyze` in seconds.
         load: Processes that wanted a processor over the last minute, at the end.
@@ -40,6 +42,7 @@ class Result:
 
     name: str
     kind: str
+    trials: int = 0
     test_s: float = 0.0
     seconds: float = 0.0
     load: float = 0.0
@@ -88,10 +91,12 @@ def run_case(case: Case, out: Path, *, seconds: float, seed: int, twin: bool, pe
 
 def _as_function(case: Case, out: Path, result: Result, *, seed: int) -> None:
     began = time.monotonic()
-    with workspace_of(case, out, seed=seed) as workspace:
+    truth = TruthRunner(case)
+    with Workspace(case.write(out), out / "riot-out", seed=seed, runners=truth) as workspace:
         folders = test_unit(workspace, "node", trials=_TRIALS, seconds=None, covered=False)
         result.test_s = time.monotonic() - began
         analyze_all(workspace, folders)
+    result.trials = truth.asked
 
 
 def _riot(folder: Path, seconds: float, *words: str) -> None:

@@ -1,0 +1,223 @@
+"""What each tuned number and each strategy is worth on the real faults, whose truths answer in place of processes.
+
+python -m benchmarks.ablation FILE.json [--rows TEXT ...] [--seeds N] [--cases NAME ...] [--list]
+
+A row is one change of the source: a number of a module halved or doubled, or a strategy off. Each runs in a process of
+its own, in which the module is compiled with that change; the tree stays as it is. All rows have the same cases and
+seeds, so a difference is one of the row. FILE.json keeps what was measured, and the same command goes on from there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+from pydantic import BaseModel
+
+ROOT = Path(__file__).resolve().parents[1]
+ROOMS = ("campaign", "generalize", "backchain", "chain", "trial", "pool", "processes", "inject", "monitors")
+FACTORS = (0.5, 2.0)
+OFF = {
+    "campaign/covering.py:Covering._vary": "return None",
+    "campaign/covering.py:Covering.further": "return ()",
+    "campaign/covering.py:Covering.policies": "return ()",
+    "campaign/novelty.py:Novelties.seeds": "return [], ()",
+    "campaign/schedule.py:message_faults": "return []",
+    "campaign/situations.py:situations_of": "return ()",
+    "campaign/malformed.py:malformations": "return []",
+    "campaign/groups.py:groups_of": "return {}",
+    "campaign/confirm.py:plainer": "return iter(())",
+}
+"""Strategies, each with what its function returns when it is off."""
+
+
+class Row(BaseModel, frozen=True):
+    """A change: the file within riot_bus, the name of a number or a function, and a factor or a body."""
+
+    file: str = ""
+    name: str = ""
+    factor: float | None = None
+    body: str = ""
+
+    def __str__(self) -> str:
+        if not self.file:
+            return "as it is"
+        return f"{self.file}:{self.name} " + ("off" if self.factor is None else f"x {self.factor:g}")
+
+
+def rows() -> Iterator[Row]:
+    """Yield all rows: first no change."""
+    yield Row()
+    for place, body in OFF.items():
+        file, _, name = place.partition(":")
+        yield Row(file=file, name=name, body=body)
+    for room in ROOMS:
+        for path in sorted((ROOT / "riot_bus" / room).rglob("*.py")):
+            for name, value in numbers(ast.parse(path.read_text(encoding="utf-8"))):
+                if any(type(each) in (int, float) and each for each in _constants(value)):
+                    file = str(path.relative_to(ROOT / "riot_bus"))
+                    yield from (Row(file=file, name=name, factor=factor) for factor in FACTORS)
+
+
+def numbers(module: ast.Module) -> Iterator[tuple[str, ast.expr]]:
+    """Yield the names in capitals that a module assigns numbers to, and their values."""
+    for node in module.body:
+        pairs: list[tuple[ast.expr, ast.expr | None]] = []
+        if isinstance(node, ast.Assign):
+            pairs = [(each, node.value) for each in node.targets]
+        elif isinstance(node, ast.AnnAssign):
+            pairs = [(node.target, node.value)]
+        if len(pairs) == 1 and isinstance(pairs[0][0], ast.Tuple) and isinstance(pairs[0][1], ast.Tuple):
+            pairs = list(zip(pairs[0][0].elts, pairs[0][1].elts, strict=True))
+        for target, value in pairs:
+            if isinstance(target, ast.Name) and target.id.strip("_").isupper() and value is not None:
+                yield target.id, value
+
+
+def _constants(value: ast.expr) -> Iterator[Any]:
+    allowed = (ast.Constant, ast.Tuple, ast.BinOp, ast.UnaryOp, ast.operator, ast.unaryop, ast.Load)
+    if all(isinstance(node, allowed) for node in ast.walk(value)):
+        yield from (node.value for node in ast.walk(value) if isinstance(node, ast.Constant))
+
+
+def changed(text: str, row: Row) -> str:
+    """Return the source of a module with the change of a row."""
+    module = ast.parse(text)
+    if row.body:
+        *outer, name = row.name.split(".")
+        body = module.body
+        for each in outer:
+            body = next(node.body for node in body if isinstance(node, ast.ClassDef) and node.name == each)
+        function = next(node for node in body if isinstance(node, ast.FunctionDef) and node.name == name)
+        function.body = ast.parse(f"def f():\n    {row.body}").body[0].body  # type: ignore[attr-defined]
+        return ast.unparse(module)
+    value = next(value for name, value in numbers(module) if name == row.name)
+    factor = row.factor
+    scaled = [_scaled(each, factor or 1.0) for each in ([*value.elts] if isinstance(value, ast.Tuple) else [value])]
+    new = f"({', '.join(scaled)},)" if isinstance(value, ast.Tuple) else scaled[0]
+    for node in ast.walk(module):
+        for field, child in ast.iter_fields(node):
+            if child is value:
+                setattr(node, field, ast.parse(new, mode="eval").body)
+            elif isinstance(child, list) and value in child:
+                child[child.index(value)] = ast.parse(new, mode="eval").body
+    return ast.unparse(module)
+
+
+def _scaled(value: ast.expr, factor: float) -> str:
+    number = eval(ast.unparse(value))  # a number of our own source
+    if isinstance(number, int):
+        return repr(max(1, round(number * factor)) if number > 0 else min(-1, round(number * factor)))
+    return repr(min(1.0, number * factor) if 0 < number <= 1 else number * factor)
+
+
+def use(row: Row) -> None:
+    """Compile the module of a row with its change when it is imported in this process."""
+    target, usual = str(ROOT / "riot_bus" / row.file), SourceFileLoader.get_code
+
+    def get_code(self: SourceFileLoader, name: str) -> CodeType | None:
+        if self.path == target:
+            return compile(changed(Path(target).read_text(encoding="utf-8"), row), target, "exec")
+        return usual(self, name)
+
+    SourceFileLoader.get_code = get_code  # type: ignore[method-assign, assignment]
+
+
+def work(row: Row, seeds: int, names: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Return what each case and seed came to, with the change of a row."""
+    if row.file:
+        use(row)
+    from benchmarks.real_faults.case import all_cases
+    from benchmarks.real_faults.grade import GOOD
+    from benchmarks.real_faults.run import run_case
+
+    found = {}
+    for case in all_cases():
+        if not case.has_truth or (names and case.name not in names):
+            continue
+        for seed in range(seeds):
+            began = time.process_time()
+            with tempfile.TemporaryDirectory() as folder:
+                result = run_case(case, Path(folder), seconds=0, seed=seed, twin=False, peers=False, as_function=True)
+            grade = result.grade
+            found[f"{case.name} {seed}"] = {
+                "met": float(grade is not None and grade.met),
+                "explained": float(grade is not None and any((one.accuracy or 0) >= GOOD for one in grade.findings)),
+                "wrong": float(sum(len(one.wrong) for one in grade.findings) + len(grade.wrong)) if grade else 0.0,
+                "failed": float(grade is None),
+                "trials": float(result.trials),
+                "seconds": time.process_time() - began,
+            }
+    return found
+
+
+def table(measured: dict[str, dict[str, dict[str, float]]]) -> str:
+    """Return what each row changes, in Markdown: sums over all cases and seeds, and in how many anything differs."""
+    usual = measured[str(Row())]
+    lines = [
+        "| row | differs | met | explained | wrong | failed | trials | time |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, row in measured.items():
+        common = usual.keys() & row.keys()
+        sums = {
+            key: (sum(row[one][key] for one in common), sum(usual[one][key] for one in common))
+            for key in next(iter(usual.values()))
+        }
+        differs = sum({**row[one], "seconds": 0} != {**usual[one], "seconds": 0} for one in common)
+        counts = [f"{mine:.0f} ({mine - theirs:+.0f})" for mine, theirs in list(sums.values())[:4]]
+        ratios = [f"{mine / max(theirs, 1e-9):.2f}" for mine, theirs in list(sums.values())[4:]]
+        lines.append(f"| {name} | {differs} of {len(common)} | {' | '.join([*counts, *ratios])} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Carry out the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--rows", nargs="*", default=[""], metavar="TEXT", help="only rows that contain one of these")
+    parser.add_argument("--cases", nargs="*", default=[])
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--list", action="store_true", help="name the rows, and measure nothing")
+    parser.add_argument("--worker", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker:
+        print(json.dumps(work(Row.model_validate_json(options.worker), options.seeds, options.cases)))
+        return
+    asked = [row for row in rows() if not row.file or any(text in str(row) for text in options.rows)]
+    if options.list:
+        print(*asked, sep="\n")
+        return
+    measured = json.loads(options.file.read_text()) if options.file.exists() else {}
+
+    def measure(row: Row) -> None:
+        words = ["--worker", row.model_dump_json(), "--seeds", str(options.seeds), "--cases", *options.cases]
+        command = [sys.executable, "-m", "benchmarks.ablation", str(options.file), *words]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        if done.returncode:
+            print(f"{row}: {done.stderr.strip().splitlines()[-1:]}", file=sys.stderr, flush=True)
+            return
+        measured[str(row)] = json.loads(done.stdout.splitlines()[-1])
+        options.file.write_text(json.dumps(measured))
+
+    left = [row for row in asked if str(row) not in measured]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for number, _ in enumerate(pool.map(measure, left), 1):
+            print(f"{number} of {len(left)}", file=sys.stderr, flush=True)
+    print(table(measured))
+
+
+if __name__ == "__main__":
+    main()
