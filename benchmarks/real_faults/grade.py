@@ -57,11 +57,11 @@ class Grade:
         return asdict(self)
 
 
-def grade(case: Case, out: Path, *, twin: bool = False) -> Grade:
+def grade(case: Case, out: Path, *, twin: bool = False, points: int = POINTS) -> Grade:
     """Grade an output folder of `riot test` and `riot analyze`, of the program or its twin."""
     campaign = CampaignRecord.load(out)
     folders = sorted(path.parent for path in out.glob("findings/*/finding.json"))
-    findings = [_graded(case, folder, twin=twin) for folder in folders]
+    findings = [_graded(case, folder, twin=twin, points=points) for folder in folders]
     met = any(each.sort == "known" for each in findings)
     wrong = []
     if case.has_truth and not met and not twin and campaign.covered == campaign.coverable:
@@ -69,7 +69,7 @@ def grade(case: Case, out: Path, *, twin: bool = False) -> Grade:
     return Grade(met, campaign.tested, campaign.covered, campaign.coverable, findings, wrong)
 
 
-def _graded(case: Case, folder: Path, *, twin: bool) -> GradedFinding:
+def _graded(case: Case, folder: Path, *, twin: bool, points: int) -> GradedFinding:
     finding = FindingRecord.load(folder)
     minimal = folder / "minimal.mcap"
     messages = read_log(minimal if minimal.exists() else folder / "failure.mcap")
@@ -82,7 +82,7 @@ def _graded(case: Case, folder: Path, *, twin: bool) -> GradedFinding:
     if found.sort == "known":
         found.wrong = list(_wrong(case, folder, inputs_of(messages)))
         if RuleRecord.exists(folder):
-            _grade_rule(case, RuleRecord.load(folder), found)
+            _grade_rule(case, RuleRecord.load(folder), found, points)
     return found
 
 
@@ -101,10 +101,10 @@ def _wrong(case: Case, folder: Path, log: Sequence[Input]) -> Iterator[str]:
                 yield f"{each.name} matters, but {name} {'passes' if fails else 'fails'}"
 
 
-def _grade_rule(case: Case, record: RuleRecord, found: GradedFinding) -> None:
+def _grade_rule(case: Case, record: RuleRecord, found: GradedFinding, points: int) -> None:
     rule, registry = Rule.from_json(record.rule), TypeRegistry()
     right = {True: [0, 0], False: [0, 0]}
-    for log in case.draws(POINTS, seed=1):
+    for log in case.draws(points, seed=1):
         fails = case.fails(log)
         said = predict(rule, record.topics, messages_of(log), registry=registry, at_most=1, keeps=record.keeps)
         right[fails][0] += bool(said.would_fail) is fails

@@ -17,7 +17,7 @@ from typing import Any
 
 from benchmarks.real_faults.case import Case
 from benchmarks.real_faults.function import TruthRunner
-from benchmarks.real_faults.grade import Grade, grade
+from benchmarks.real_faults.grade import POINTS, Grade, grade
 from benchmarks.real_faults.peers import PeerResult, run_peers
 from riot_bus.chain.base.workspace import Workspace
 from riot_bus.chain.steps.analyze import analyze_all
@@ -52,7 +52,17 @@ class Result:
     error: str = ""
 
 
-def run_case(case: Case, out: Path, *, seconds: float, seed: int, twin: bool, peers: bool, as_function: bool) -> Result:
+def run_case(
+    case: Case,
+    out: Path,
+    *,
+    seconds: float,
+    seed: int,
+    twin: bool = False,
+    peers: bool = False,
+    as_function: bool = False,
+    points: int = POINTS,
+) -> Result:
     """Run riot on a case, and grade what it says.
 
     Args:
@@ -61,6 +71,7 @@ def run_case(case: Case, out: Path, *, seconds: float, seed: int, twin: bool, pe
         twin: Whether to test the twin, too.
         peers: Whether to run the peers, each for as long as `riot test` took.
         as_function: Whether the truth stands in for the process.
+        points: Number of inputs on which rules are tried.
     """
     shutil.rmtree(out, ignore_errors=True)
     result, began = Result(case.name, case.file.kind), time.monotonic()
@@ -81,7 +92,7 @@ def run_case(case: Case, out: Path, *, seconds: float, seed: int, twin: bool, pe
         result.seconds = time.monotonic() - began
         if peers and case.has_truth and not as_function:
             result.peers = run_peers(case, seconds=result.test_s, seed=seed)
-        result.grade = grade(case, out / "riot-out")
+        result.grade = grade(case, out / "riot-out", points=points)
     except (RiotError, RuntimeError, OSError, subprocess.TimeoutExpired) as error:
         result.error = str(error)[:300]
         result.seconds = time.monotonic() - began

@@ -21,7 +21,7 @@ def test_program_and_twin_do_what_the_truth_says(folder: Path) -> None:
 
 
 def test_riot_on_the_truth_is_graded(folder: Path, tmp_path: Path) -> None:
-    result = run_case(Case(folder), tmp_path, seconds=0, seed=0, twin=False, peers=False, as_function=True)
+    result = run_case(Case(folder), tmp_path, seconds=0, seed=0, as_function=True, points=100)
     assert result.error == ""
     assert result.grade is not None
     assert result.grade.findings
