@@ -122,11 +122,11 @@ MKDOCS = Environment("mkdocs", ("mkdocs-material==9.8.2",), "import material", o
 CASES = Path(__file__).resolve().parents[1] / "benchmarks/real_faults/cases"
 
 
-def of_case(folder: Path, *, twin: bool = False) -> Environment:
-    """Return the environment of a real fault's program, or of its twin."""
+def of_case(folder: Path, *, twin: bool = False, more: tuple[str, ...] = ()) -> Environment:
+    """Return the environment of a real fault's program, or of its twin, with more packages."""
     case = tomllib.loads((folder / "case.toml").read_text(encoding="utf-8"))
     packages = case.get("twin") if twin and case.get("twin") else case["packages"]
-    return Environment(f"case-{folder.name}", (*packages, "eclipse-zenoh==1.10.2"), "import zenoh")
+    return Environment(f"case-{folder.name}", (*packages, "eclipse-zenoh==1.10.2", *more), "import zenoh")
 
 
 QUICK = tuple(CASES / name for name in ("pyais", "pynmea2", "utm"))

@@ -1,26 +1,33 @@
 """What people would use instead, on the same nodes, for the same time, with the same oracle.
 
-Each peer runs logs without a bus, each with a new process, and is told of each whether it failed: an exception, a
-signal, a hang, or what the case's own symptom says. Their values have the types of nominal ones, so no time goes into
-payloads of another form; riot has no such help.
+Each peer runs logs without a bus, each with a new process (Atheris: all in one), and is told of each whether it failed:
+an exception, a signal, a hang, or what the case's own symptom says (Atheris: an exception or an end). Their values have
+the types of nominal ones, so no time goes into payloads of another form; riot has no such help.
 """
 
 from __future__ import annotations
 
 import copy
 import itertools
+import json
 import math
 import random
+import re
 import struct
+import subprocess
+import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TypeAlias
 
 from benchmarks.real_faults.case import Case, Input, Run, messages_of
 from riot_bus.inject.dictionary import load_dictionary
+from tests.interop import of_case, provide
 
+FUZZ = Path(__file__).with_name("fuzz.py")
 _OVERRUN = 2.0  # Hypothesis may shrink for as long again
 _EXAMPLES = 100  # Hypothesis' default
 
@@ -42,26 +49,31 @@ class _Subject:
     """A program, a clock, and a note of each failure."""
 
     def __init__(self, case: Case, run: Callable[[Sequence[Input]], Run], seconds: float) -> None:
-        self._case, self._run = case, run
+        self.case, self._run = case, run
         self._begin = time.monotonic()
         self._end = self._begin + seconds
         self.seconds, self.result, self._places = seconds, PeerResult(), set[str]()
 
     @property
+    def left(self) -> float:
+        """Time left, in seconds."""
+        return self._end - time.monotonic()
+
+    @property
     def over(self) -> bool:
         """Whether the time is over."""
-        return time.monotonic() >= self._end
+        return self.left <= 0
 
     def fails(self, log: Sequence[Input]) -> str:
         """Run a log; return where or how it failed, empty if not."""
         run = self._run(log)
-        shown = self._case.shows(log, run)
+        shown = self.case.shows(log, run)
         place = (
             "" if run.end == "passed" and not shown else f"{run.end} {run.error.partition(':')[0]} {run.place}".strip()
         )
         result = self.result
         result.runs += not result.met
-        if place and shown and self._case.verdict(messages_of(log))[0] == "known" and not result.met:
+        if place and shown and self.case.verdict(messages_of(log))[0] == "known" and not result.met:
             result.met, result.seconds = True, time.monotonic() - self._begin
         if place and place not in self._places:
             self._places.add(place)
@@ -136,7 +148,37 @@ def hypothesis(subject: _Subject, nominal: Sequence[Input], source: random.Rando
             known.update(subject.result.failures)
 
 
-PEERS = {"hypothesis": hypothesis, "dictionary": dictionary, "uniform": uniform}
+def atheris(subject: _Subject, nominal: Sequence[Input], source: random.Random) -> None:
+    """Let Atheris look for values that reach new code; each failure is tried again in a process of its own."""
+    case = subject.case
+    environment = of_case(case.folder, more=("atheris==3.0.0",))
+    if problem := provide(environment):
+        subject.result.said = f"not to be had: {problem}"
+        return
+    known: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        last = Path(folder) / "log.json"
+        while (left := subject.left) > 1:
+            words = [str(left), str(source.randrange(1 << 31)), str(last), json.dumps(known)]
+            done = subprocess.run(
+                [environment.entry, FUZZ, case.folder, *words],
+                input=json.dumps(list(nominal)),
+                capture_output=True,
+                text=True,
+                timeout=left + 60,
+                check=False,
+            )
+            executed = re.search(r"number_of_executed_units: *(\d+)", done.stderr)
+            subject.result.runs += int(executed[1]) if executed and not subject.result.met else 0
+            found = [json.loads(line) for line in done.stdout.splitlines()]
+            if done.returncode and last.exists():
+                found.append([f"ended with {done.returncode}", json.loads(last.read_text())])
+            for place, log in found:
+                known.append(place)
+                subject.fails(log)
+
+
+PEERS = {"hypothesis": hypothesis, "dictionary": dictionary, "uniform": uniform, "atheris": atheris}
 
 
 def run_peers(case: Case, *, seconds: float, seed: int) -> dict[str, PeerResult]:
