@@ -126,7 +126,8 @@ def of_case(folder: Path, *, twin: bool = False, more: tuple[str, ...] = ()) -> 
     """Return the environment of a real fault's program, or of its twin, with more packages."""
     case = tomllib.loads((folder / "case.toml").read_text(encoding="utf-8"))
     packages = case.get("twin") if twin and case.get("twin") else case["packages"]
-    return Environment(f"case-{folder.name}", (*packages, "eclipse-zenoh==1.10.2", *more), "import zenoh")
+    zenoh = () if any(each.startswith("eclipse-zenoh") for each in packages) else ("eclipse-zenoh==1.10.2",)
+    return Environment(f"case-{folder.name}", (*packages, *zenoh, *more), "import zenoh")
 
 
 QUICK = tuple(CASES / name for name in ("pyais", "pynmea2", "utm"))
