@@ -19,13 +19,14 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict
 
 from riot_bus.log.writer import LogWriter
+from riot_bus.trial.baseline import probe_of
 from riot_bus.vocabulary.message import Message
 from tests.interop import of_case, provide
 
 HERE = Path(__file__).resolve().parent
 CASES = HERE / "cases"
 SERVE = HERE / "serve.py"
-FIRST_NS = 10**18
+FIRST_NS, STEP_NS = 10**18, 10**8
 
 Input = tuple[float, str, Any]
 """Seconds since the start, topic, and the fields of a message."""
@@ -104,6 +105,17 @@ class Case:
     def has_truth(self) -> bool:
         """Whether there is a report; controls have none."""
         return self.file.symptom != "none"
+
+    @cached_property
+    def probe(self) -> tuple[Message, ...]:
+        """The nominal messages that riot plays after a trial; none if nominal trials would fail on these."""
+        nominal = messages_of(self.nominal)
+        probe = probe_of(nominal)
+        return () if self.verdict(_after(nominal, probe))[0] else probe
+
+    def followed(self, messages: Sequence[Message]) -> list[Message]:
+        """Return messages and the nominal ones that follow them in a trial, to see whether the node still works."""
+        return _after(messages, self.probe)
 
     def verdict(self, messages: Sequence[Message]) -> tuple[Literal["known", "own", ""], int]:
         """Return what occurs first, and at which message.
@@ -224,6 +236,11 @@ class Case:
             f"[unit.node]\n{self.file.riot}"
         )
         return path
+
+
+def _after(messages: Sequence[Message], probe: Sequence[Message]) -> list[Message]:
+    last = messages[-1].time if messages else FIRST_NS
+    return [*messages, *(each.with_(time=last + each.time - probe[0].time + STEP_NS) for each in probe)]
 
 
 def messages_of(log: Sequence[Input]) -> list[Message]:

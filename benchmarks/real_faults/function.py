@@ -10,7 +10,7 @@ from typing import Any
 
 from benchmarks.real_faults.case import Case
 from riot_bus.inject.apply import inject_log
-from riot_bus.trial.baseline import Baseline, probe_of
+from riot_bus.trial.baseline import Baseline
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
@@ -46,10 +46,10 @@ class TruthRunner:
 
     def baseline(self, unit: str, log: Callable[[], Sequence[Message]]) -> Baseline:
         """Return what nominal trials of a process that answers each input would show."""
-        messages = tuple(log())
+        messages, probe = tuple(log()), self._case.probe
         counts = Counter({"answer": len(messages)})
-        probe = probe_of(messages)
-        return Baseline(trials=3, log=messages, probe=probe, log_answers=counts, probe_answers={"answer": len(probe)})
+        answers = {"answer": len(probe)} if probe else {}
+        return Baseline(trials=3, log=messages, probe=probe, log_answers=counts, probe_answers=answers)
 
     def in_system(self, *_: Any, **__: Any) -> Baseline:
         """Return a baseline of nothing."""
@@ -72,7 +72,7 @@ class TruthRunner:
         messages, touched = inject_log(
             case.messages, case.injections, registry=self._registry, seed=case.seed, reached=reached, ahead=ahead
         )
-        verdict, index = self._case.verdict(messages)
+        verdict, index = self._case.verdict(messages if case.unprobed else self._case.followed(messages))
         if verdict == "known" and random.Random(f"{case.digest()} {case.again}").random() >= file.chance:
             verdict, index = "", len(messages)
         found: tuple[Violation, ...] = ()
@@ -80,7 +80,7 @@ class TruthRunner:
             symptom, signature = ("crash", OWN) if verdict == "own" else (file.symptom, SIGNATURES[file.symptom])
             found = (Violation(symptom, "node", signature),)
         ended = verdict == "own" or (verdict and file.symptom in ("crash", "hang"))
-        sent = index + 1 if ended else len(messages)
+        sent = min(index + 1, len(messages)) if ended else len(messages)
         turns = bisect_left(ahead, sent) if ended else len(case.messages)  # as in a trial: what came before its end
         statistics = {
             "played": sent,

@@ -7,12 +7,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.real_faults.case import Case, Input, inputs_of, messages_of
+from benchmarks.real_faults.case import Case, inputs_of, messages_of
 from riot_bus.chain.unit.prediction import predict
 from riot_bus.findings.records import CampaignRecord, FieldsRecord, FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.log.reader import read_log
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
 
 POINTS = 5_000
 """Inputs near the limits of the truth and far away on which a rule is tried."""
@@ -70,34 +71,34 @@ def grade(case: Case, out: Path, *, twin: bool = False, points: int = POINTS) ->
 
 
 def _graded(case: Case, folder: Path, *, twin: bool, points: int) -> GradedFinding:
-    finding = FindingRecord.load(folder)
-    minimal = folder / "minimal.mcap"
+    finding, minimal = FindingRecord.load(folder), folder / "minimal.mcap"
     messages = read_log(minimal if minimal.exists() else folder / "failure.mcap")
-    sort = case.verdict(messages)[0] or "false"
+    played = case.followed(messages)
+    sort = case.verdict(played)[0] or "false"
     found = GradedFinding(finding.id, finding.signature, "false" if twin and sort == "known" else sort, len(messages))
     if found.sort == "false":
-        (run,) = case.run([inputs_of(messages)], twin=twin)
-        if run.end != "passed" or case.shows(inputs_of(messages), run):
+        (run,) = case.run([inputs_of(played)], twin=twin)
+        if run.end != "passed" or case.shows(inputs_of(played), run):
             found.sort = "other"
     if found.sort == "known":
-        found.wrong = list(_wrong(case, folder, inputs_of(messages)))
+        found.wrong = list(_wrong(case, folder, messages))
         if RuleRecord.exists(folder):
             _grade_rule(case, RuleRecord.load(folder), found, points)
     return found
 
 
-def _wrong(case: Case, folder: Path, log: Sequence[Input]) -> Iterator[str]:
+def _wrong(case: Case, folder: Path, messages: Sequence[Message]) -> Iterator[str]:
     """Yield claims about the minimal log and the fields that the truth contradicts."""
     record = MinimalRecord.find(folder)
     if record is not None and record.one_minimal:
-        for number, (_, topic, _) in enumerate(log):
-            if case.fails([*log[:number], *log[number + 1 :]]):
-                yield f"minimal, but fails without message {number} ({topic}), too"
+        for number, message in enumerate(messages):
+            if case.verdict(case.followed([*messages[:number], *messages[number + 1 :]]))[0]:
+                yield f"minimal, but fails without message {number} ({message.key}), too"
     if not FieldsRecord.exists(folder):
         return
     for each in FieldsRecord.load(folder).fields:
         for name, fails in ((each.certificate.failing_log, True), (each.certificate.passing_log, False)):
-            if case.fails(inputs_of(read_log(folder / name))) is not fails:
+            if bool(case.verdict(case.followed(read_log(folder / name)))[0]) is not fails:
                 yield f"{each.name} matters, but {name} {'passes' if fails else 'fails'}"
 
 
