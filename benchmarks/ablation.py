@@ -39,7 +39,7 @@ OFF = {
     "campaign/situations.py:situations_of": "return ()",
     "campaign/malformed.py:malformations": "return []",
     "campaign/groups.py:groups_of": "return {}",
-    "campaign/confirm.py:plainer": "return iter(())",
+    "campaign/triage.py:plainer": "return iter(())",
 }
 """Strategies, each with what its function returns when it is off."""
 
@@ -105,23 +105,24 @@ def changed(text: str, row: Row) -> str:
         function.body = ast.parse(f"def f():\n    {row.body}").body[0].body  # type: ignore[attr-defined]
         return ast.unparse(module)
     value = next(value for name, value in numbers(module) if name == row.name)
-    factor = row.factor
-    scaled = [_scaled(each, factor or 1.0) for each in ([*value.elts] if isinstance(value, ast.Tuple) else [value])]
-    new = f"({', '.join(scaled)},)" if isinstance(value, ast.Tuple) else scaled[0]
+    call = f"__import__('benchmarks.ablation', fromlist=['scaled']).scaled({ast.unparse(value)}, {row.factor})"
+    new = ast.parse(call, mode="eval").body
     for node in ast.walk(module):
         for field, child in ast.iter_fields(node):
             if child is value:
-                setattr(node, field, ast.parse(new, mode="eval").body)
+                setattr(node, field, new)
             elif isinstance(child, list) and value in child:
-                child[child.index(value)] = ast.parse(new, mode="eval").body
+                child[child.index(value)] = new
     return ast.unparse(module)
 
 
-def _scaled(value: ast.expr, factor: float) -> str:
-    number = eval(ast.unparse(value))  # a number of our own source
-    if isinstance(number, int):
-        return repr(max(1, round(number * factor)) if number > 0 else min(-1, round(number * factor)))
-    return repr(min(1.0, number * factor) if 0 < number <= 1 else number * factor)
+def scaled(value: Any, factor: float) -> Any:
+    """Return a number, or each of some, times a factor: integers stay integers and not 0, shares stay at most 1."""
+    if isinstance(value, tuple):
+        return tuple(scaled(each, factor) for each in value)
+    if isinstance(value, int):
+        return max(1, round(value * factor)) if value > 0 else min(-1, round(value * factor))
+    return min(1.0, value * factor) if 0 < value <= 1 else value * factor
 
 
 def use(row: Row) -> None:

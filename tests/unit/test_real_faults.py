@@ -7,6 +7,7 @@ import math
 
 import pytest
 
+from benchmarks.ablation import ROOT, changed, rows, scaled
 from benchmarks.real_faults.case import Case, all_cases, form_of, has_form, messages_of
 from benchmarks.real_faults.function import TruthRunner
 from benchmarks.real_faults.page import page
@@ -81,3 +82,12 @@ def test_the_page_says_first_where_a_peer_was_better() -> None:
     )
     assert "| utm | one value | **no** |" in text
     assert "| utm | Turbo87/utm#109 | utm==0.7.0 |" in text
+
+
+def test_rows_of_the_ablation_are_changes_of_the_source() -> None:
+    for number, row in enumerate(rows()):
+        if row.body or number % 20 == 19:
+            before = (ROOT / "riot_bus" / row.file).read_text(encoding="utf-8")
+            assert compile(changed(before, row), row.file, "exec")
+    assert [scaled(each, 0.5) for each in (1, -1, 7, 0.8, (2, 4.0))] == [1, -1, 4, 0.4, (1, 2.0)]
+    assert [scaled(each, 2.0) for each in (3, 0.8, 1.5)] == [6, 1.0, 3.0]
