@@ -16,6 +16,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -192,6 +193,7 @@ def main() -> None:
     parser.add_argument("--rows", nargs="*", default=[""], metavar="TEXT", help="only rows that contain one of these")
     parser.add_argument("--cases", nargs="*", default=[])
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--most-seconds", type=float, default=7200.0, help="for a row")
     parser.add_argument("--list", action="store_true", help="name the rows, and measure nothing")
     parser.add_argument("--worker", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -207,13 +209,20 @@ def main() -> None:
     def measure(row: Row) -> None:
         words = ["--worker", row.model_dump_json(), "--seeds", str(options.seeds), "--cases", *options.cases]
         command = [sys.executable, "-m", "benchmarks.ablation", str(options.file), *words]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-        if done.returncode:
-            print(f"{row}: {done.stderr.strip().splitlines()[-1:]}", file=sys.stderr, flush=True)
+        try:
+            done = subprocess.run(
+                command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=options.most_seconds
+            )
+        except subprocess.SubprocessError as error:
+            print(f"{row}: {error} {str(getattr(error, 'stderr', '') or '')[-200:]}", file=sys.stderr, flush=True)
             return
-        measured[str(row)] = json.loads(done.stdout.splitlines()[-1])
-        options.file.write_text(json.dumps(measured))
+        with writing:
+            measured[str(row)] = json.loads(done.stdout.splitlines()[-1])
+            new = options.file.with_suffix(".new")
+            new.write_text(json.dumps(measured))
+            new.replace(options.file)
 
+    writing = threading.Lock()
     left = [row for row in asked if str(row) not in measured]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for number, _ in enumerate(pool.map(measure, left), 1):

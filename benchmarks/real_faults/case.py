@@ -222,7 +222,7 @@ class Case:
             if not any(left.values()):
                 return
 
-    def write(self, folder: Path, *, twin: bool = False) -> Path:
+    def write(self, folder: Path, command: Sequence[str]) -> Path:
         """Write riot.toml and the nominal log as a user would have them; return the path of the former."""
         folder.mkdir(parents=True, exist_ok=True)
         with LogWriter(folder / "nominal.mcap") as log:
@@ -231,7 +231,7 @@ class Case:
         path = folder / "riot.toml"
         path.write_text(
             f'[system]\nname = "{self.name}"\nnominal = "nominal.mcap"\n\n'
-            f"[components.node]\ncommand = {json.dumps(self.command('{endpoint}', twin=twin))}\n"
+            f"[components.node]\ncommand = {json.dumps(command)}\n"
             f"inputs = {json.dumps(self.inputs)}\noutputs = {json.dumps(self.file.outputs)}\n\n"
             f"[unit.node]\n{self.file.riot}"
         )

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from benchmarks.real_faults.case import Case
+from benchmarks.real_faults.grade import MONITORS
 from riot_bus.inject.apply import inject_log
 from riot_bus.trial.baseline import Baseline
 from riot_bus.types.registry import TypeRegistry
@@ -78,7 +79,7 @@ class TruthRunner:
         found: tuple[Violation, ...] = ()
         if verdict:
             symptom, signature = ("crash", OWN) if verdict == "own" else (file.symptom, SIGNATURES[file.symptom])
-            found = (Violation(symptom, "node", signature),)
+            found = (Violation(MONITORS.get(symptom, ("range",))[0], "node", signature),)
         ended = verdict == "own" or (verdict and file.symptom in ("crash", "hang"))
         sent = min(index + 1, len(messages)) if ended else len(messages)
         turns = bisect_left(ahead, sent) if ended else len(case.messages)  # as in a trial: what came before its end

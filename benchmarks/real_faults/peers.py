@@ -25,7 +25,7 @@ from typing import Any, TypeAlias
 
 from benchmarks.real_faults.case import Case, Input, Run, messages_of
 from riot_bus.inject.dictionary import load_dictionary
-from tests.interop import of_case, provide
+from tests.interop import Environment, of_case, provide
 
 FUZZ = Path(__file__).with_name("fuzz.py")
 _OVERRUN = 2.0  # Hypothesis may shrink for as long again
@@ -43,6 +43,10 @@ class PeerResult:
     seconds: float = 0.0
     failures: list[str] = field(default_factory=list)
     said: str = ""
+
+
+class _TimeIsOver(BaseException):  # no Exception, so that Hypothesis lets it through
+    pass
 
 
 class _Subject:
@@ -106,6 +110,7 @@ def hypothesis(subject: _Subject, nominal: Sequence[Input], source: random.Rando
     from hypothesis import strategies as st
 
     known: set[str] = set()
+    failures: dict[str, type[Exception]] = {}  # Hypothesis tells failures apart by their types
     places = [(number, place) for number, (_, _, fields) in enumerate(nominal) for place in _leaves(fields)]
     seen: dict[tuple[str, Place], list[Any]] = {}
     for number, place in places:
@@ -133,14 +138,14 @@ def hypothesis(subject: _Subject, nominal: Sequence[Input], source: random.Rando
         @given(changes=changes(), order=orders)
         def test(changes: Any, order: Any) -> None:
             if time.monotonic() > subject._end + _OVERRUN * subject.seconds:
-                raise KeyboardInterrupt
+                raise _TimeIsOver
             place = subject.fails(_reordered(_changed(nominal, changes), order))
             if place and place not in known:
-                raise type(f"Failure_{abs(hash(place))}", (Exception,), {})(place)
+                raise failures.setdefault(place, type("Failure", (Exception,), {}))(place)
 
         try:
             test()
-        except KeyboardInterrupt:
+        except _TimeIsOver:
             return
         except Exception as error:
             text = "".join(traceback.format_exception(error)[-1:]) + "\n".join(getattr(error, "__notes__", ()))
@@ -151,17 +156,14 @@ def hypothesis(subject: _Subject, nominal: Sequence[Input], source: random.Rando
 def atheris(subject: _Subject, nominal: Sequence[Input], source: random.Random) -> None:
     """Let Atheris look for values that reach new code; each failure is tried again in a process of its own."""
     case = subject.case
-    environment = of_case(case.folder, more=("atheris==3.0.0",))
-    if problem := provide(environment):
-        subject.result.said = f"not to be had: {problem}"
-        return
+    entry = _fuzzing(case).entry
     known: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         last = Path(folder) / "log.json"
         while (left := subject.left) > 1:
             words = [str(left), str(source.randrange(1 << 31)), str(last), json.dumps(known)]
             done = subprocess.run(
-                [environment.entry, FUZZ, case.folder, *words],
+                [entry, FUZZ, case.folder, *words],
                 input=json.dumps(list(nominal)),
                 capture_output=True,
                 text=True,
@@ -184,12 +186,20 @@ PEERS = {"hypothesis": hypothesis, "dictionary": dictionary, "uniform": uniform,
 def run_peers(case: Case, *, seconds: float, seed: int) -> dict[str, PeerResult]:
     """Run all peers on a case, one after the other, each for some seconds."""
     found = {}
+    fuzzing = provide(_fuzzing(case))  # first: it takes its time, which is no peer's
     for name, peer in PEERS.items():
+        if peer is atheris and fuzzing:
+            found[name] = PeerResult(said=f"not to be had: {fuzzing}")
+            continue
         with case.program() as run:
             subject = _Subject(case, run, seconds)
             peer(subject, case.nominal, random.Random(seed))
             found[name] = subject.result
     return found
+
+
+def _fuzzing(case: Case) -> Environment:
+    return of_case(case.folder, more=("atheris==3.0.0",))
 
 
 def _leaves(value: Any, place: Place = ()) -> Iterator[Place]:

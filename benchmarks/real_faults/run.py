@@ -79,14 +79,14 @@ def run_case(
         if as_function:
             _as_function(case, out, result, seed=seed)
         else:
-            system = case.write(out)
+            case.write(out, case.command("{endpoint}"))
             _riot(out, 900.0, "test", f"--seed={seed}")
             result.test_s = time.monotonic() - began
             if any((out / "riot-out/findings").glob("*/finding.json")):
                 _riot(out, seconds + _BEYOND_S, "analyze", f"--seed={seed}", f"--for={seconds:.0f}s")
             if twin and case.has_truth:
-                system = case.write(out / "twin", twin=True)
-                _riot(system.parent, 900.0, "test", f"--seed={seed}")
+                case.write(out / "twin", case.command("{endpoint}", twin=True))
+                _riot(out / "twin", 900.0, "test", f"--seed={seed}")
                 found = grade(case, out / "twin/riot-out", twin=True).findings
                 result.twin = dict(Counter(each.sort for each in found))
         result.seconds = time.monotonic() - began
@@ -103,7 +103,7 @@ def run_case(
 def _as_function(case: Case, out: Path, result: Result, *, seed: int) -> None:
     began = time.monotonic()
     truth = TruthRunner(case)
-    with Workspace(case.write(out), out / "riot-out", seed=seed, runners=truth) as workspace:
+    with Workspace(case.write(out, ["true"]), out / "riot-out", seed=seed, runners=truth) as workspace:
         folders = test_unit(workspace, "node", trials=_TRIALS, seconds=None, covered=False)
         result.test_s = time.monotonic() - began
         analyze_all(workspace, folders)
@@ -111,7 +111,7 @@ def _as_function(case: Case, out: Path, result: Result, *, seed: int) -> None:
 
 
 def _riot(folder: Path, seconds: float, *words: str) -> None:
-    """Run a command of riot in a folder; what it prints is kept there. Exit codes above 5 are errors."""
+    """Run a command of riot in a folder; what it prints is kept there. Other ends than its verdicts are errors."""
     with (folder / f"{words[0]}.txt").open("w") as text:
         done = subprocess.run(
             [sys.executable, "-m", "riot_bus", *words],
