@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from riot_bus.log.engine import chunk as module
 from riot_bus.log.engine.chunk import ChunkBuilder, Draft
 
 ROWS = st.lists(
@@ -23,13 +24,16 @@ def draft(rows: list[tuple[int, int, int, bytes]], definitions: list[bytes]) -> 
     return found
 
 
+@pytest.mark.parametrize("few", [0, 128], ids=["numpy", "loop"])
 @settings(deadline=None)
-@given(ROWS, st.lists(st.binary(max_size=9), max_size=3))
+@given(rows=ROWS, definitions=st.lists(st.binary(max_size=9), max_size=3))
 def test_a_chunk_and_its_index_agree_with_its_messages(
-    rows: list[tuple[int, int, int, bytes]], definitions: list[bytes]
+    few: int, rows: list[tuple[int, int, int, bytes]], definitions: list[bytes]
 ) -> None:
     made = draft(rows, definitions)
-    chunk = made.chunk()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_FEW", few)
+        chunk = made.chunk()
     data = b"".join(chunk.data)
     assert data.startswith(chunk.definitions)
     assert chunk.definitions == b"".join(definitions)
