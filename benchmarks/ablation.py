@@ -5,12 +5,14 @@ python -m benchmarks.ablation FILE.json [--rows TEXT ...] [--seeds N] [--cases N
 A row is one change of the source: a number of a module halved or doubled, or a strategy off. Each runs in a process of
 its own, in which the module is compiled with that change; the tree stays as it is. All rows have the same cases and
 seeds, so a difference is one of the row. FILE.json keeps what was measured, and the same command goes on from there.
+Numbers that nothing reads in any case are found first, and left out: no value of theirs can change anything.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import builtins
 import json
 import os
 import subprocess
@@ -18,7 +20,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
@@ -28,6 +30,7 @@ from typing import Any
 from pydantic import BaseModel
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "riot_bus"
 ROOMS = ("campaign", "generalize", "backchain", "chain", "trial", "pool", "processes", "inject", "monitors")
 FACTORS = (0.5, 2.0)
 POINTS = 500  # a tenth of those of a result: rules that differ in less are not told apart here
@@ -66,10 +69,10 @@ def rows() -> Iterator[Row]:
         file, _, name = place.partition(":")
         yield Row(file=file, name=name, body=body)
     for room in ROOMS:
-        for path in sorted((ROOT / "riot_bus" / room).rglob("*.py")):
+        for path in sorted((PACKAGE / room).rglob("*.py")):
             for name, value in numbers(ast.parse(path.read_text(encoding="utf-8"))):
                 if any(type(each) in (int, float) and each for each in _constants(value)):
-                    file = str(path.relative_to(ROOT / "riot_bus"))
+                    file = str(path.relative_to(PACKAGE))
                     yield from (Row(file=file, name=name, factor=factor) for factor in FACTORS)
 
 
@@ -126,21 +129,56 @@ def scaled(value: Any, factor: float) -> Any:
     return min(1.0, value * factor) if 0 < value <= 1 else value * factor
 
 
-def use(row: Row) -> None:
-    """Compile the module of a row with its change when it is imported in this process."""
-    target, usual = str(ROOT / "riot_bus" / row.file), SourceFileLoader.get_code
+class Reading(ast.NodeTransformer):
+    """Lets `names`, wherever they are read, be told to a function in `builtins`."""
+
+    def __init__(self, names: set[str]) -> None:
+        self._names = names
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        """Wrap a name that is read."""
+        if node.id not in self._names or not isinstance(node.ctx, ast.Load):
+            return node
+        return ast.Call(ast.Name("__reads__", ast.Load()), [ast.Constant(node.id), node], [])
+
+
+def compiled_anew(change: Callable[[Path], str | None]) -> None:
+    """Compile what is imported from now on from the text that `change` gives, if it does."""
+    usual = SourceFileLoader.get_code
 
     def get_code(self: SourceFileLoader, name: str) -> CodeType | None:
-        if self.path == target:
-            return compile(changed(Path(target).read_text(encoding="utf-8"), row), target, "exec")
-        return usual(self, name)
+        text = change(Path(self.path)) if self.path.startswith(f"{PACKAGE}{os.sep}") else None
+        return usual(self, name) if text is None else compile(text, self.path, "exec")
 
     SourceFileLoader.get_code = get_code  # type: ignore[method-assign, assignment]
 
 
-def work(row: Row, seeds: int, names: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Return what each case and seed came to, with the change of a row."""
-    if row.file:
+def use(row: Row) -> None:
+    """Compile the module of a row with its change when it is imported in this process."""
+    compiled_anew(lambda path: changed(path.read_text(encoding="utf-8"), row) if path == PACKAGE / row.file else None)
+
+
+def note_reads(names: set[str]) -> set[str]:
+    """Return a set that grows by each of these names that something reads, in modules imported from now on."""
+    seen = set[str]()
+
+    def reads(name: str, value: Any) -> Any:
+        seen.add(name)
+        return value
+
+    def change(path: Path) -> str:
+        module = Reading(names).visit(ast.parse(path.read_text(encoding="utf-8")))
+        return ast.unparse(ast.fix_missing_locations(module))
+
+    builtins.__reads__ = reads  # type: ignore[attr-defined]
+    compiled_anew(change)
+    return seen
+
+
+def work(row: Row | None, seeds: int, names: Sequence[str]) -> Any:
+    """Return what each case and seed came to with the change of a row; without a row, which numbers were read."""
+    read = note_reads({each.name for each in rows() if each.factor}) if row is None else set()
+    if row and row.file:
         use(row)
     from benchmarks.real_faults.case import all_cases
     from benchmarks.real_faults.grade import GOOD
@@ -163,7 +201,7 @@ def work(row: Row, seeds: int, names: Sequence[str]) -> dict[str, dict[str, floa
                 "trials": float(result.trials),
                 "seconds": time.process_time() - began,
             }
-    return found
+    return found if row else sorted(read)
 
 
 def table(measured: dict[str, dict[str, dict[str, float]]]) -> str:
@@ -198,17 +236,18 @@ def main() -> None:
     parser.add_argument("--worker", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
-        print(json.dumps(work(Row.model_validate_json(options.worker), options.seeds, options.cases)))
+        row = Row.model_validate_json(options.worker) if options.worker != "read" else None
+        print(json.dumps(work(row, options.seeds, options.cases)))
         return
     asked = [row for row in rows() if not row.file or any(text in str(row) for text in options.rows)]
     if options.list:
         print(*asked, sep="\n")
         return
-    measured = json.loads(options.file.read_text()) if options.file.exists() else {}
+    kept = json.loads(options.file.read_text()) if options.file.exists() else {"read": None, "rows": {}}
 
-    def measure(row: Row) -> None:
-        words = ["--worker", row.model_dump_json(), "--seeds", str(options.seeds), "--cases", *options.cases]
-        command = [sys.executable, "-m", "benchmarks.ablation", str(options.file), *words]
+    def measure(row: Row | None) -> None:
+        words = ["--worker", row.model_dump_json() if row else "read", "--cases", *options.cases]
+        command = [sys.executable, "-m", "benchmarks.ablation", str(options.file), f"--seeds={options.seeds}", *words]
         try:
             done = subprocess.run(
                 command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=options.most_seconds
@@ -216,18 +255,28 @@ def main() -> None:
         except subprocess.SubprocessError as error:
             print(f"{row}: {error} {str(getattr(error, 'stderr', '') or '')[-200:]}", file=sys.stderr, flush=True)
             return
+        found = json.loads(done.stdout.splitlines()[-1])
         with writing:
-            measured[str(row)] = json.loads(done.stdout.splitlines()[-1])
+            if row is None:
+                kept["read"] = found
+            else:
+                kept["rows"][str(row)] = found
             new = options.file.with_suffix(".new")
-            new.write_text(json.dumps(measured))
+            new.write_text(json.dumps(kept))
             new.replace(options.file)
 
     writing = threading.Lock()
-    left = [row for row in asked if str(row) not in measured]
+    if kept["read"] is None:
+        measure(None)
+    if kept["read"] is None:
+        sys.exit("ablation.py: what is read was not found out; see the error above")
+    unread = [row for row in asked if row.factor and row.name not in kept["read"]]
+    left = [row for row in asked if row not in unread and str(row) not in kept["rows"]]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for number, _ in enumerate(pool.map(measure, left), 1):
             print(f"{number} of {len(left)}", file=sys.stderr, flush=True)
-    print(table(measured))
+    print(table(kept["rows"]))
+    print("\nread in no case:", *sorted({f"{row.file}:{row.name}" for row in unread}), sep="\n- ")
 
 
 if __name__ == "__main__":

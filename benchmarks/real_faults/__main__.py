@@ -6,11 +6,12 @@ import argparse
 import json
 import sys
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks.real_faults.case import Case, all_cases
 from benchmarks.real_faults.page import PAGE, page, peers_table, summary, table
-from benchmarks.real_faults.run import run_case, save
+from benchmarks.real_faults.run import about, run_case
 
 
 def chosen(names: list[str]) -> list[Case]:
@@ -54,7 +55,7 @@ def main() -> int:
     running.add_argument("--no-twin", action="store_true", help="leave the twin out")
     running.add_argument("--no-peers", action="store_true", help="leave out what people would use instead")
     running.add_argument("--out", type=Path, help="keep what riot writes there")
-    running.add_argument("--json", type=Path, help="write all results there")
+    running.add_argument("--json", type=Path, help="write all results there, and go on from those that it has")
     paging = commands.add_parser("page", help="write docs/real-software.md")
     paging.add_argument("json", type=Path, help="results of `run --json`")
     for each in (checking, running):
@@ -77,17 +78,29 @@ def _check(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     how = {"seconds": options.seconds, "seed": options.seed, "as_function": options.as_function}
-    results = []
+    more = {"twin": not options.no_twin, "peers": not options.no_peers}
+    saved = {"about": about(**how, **more), "results": []}
     with tempfile.TemporaryDirectory(prefix="real-faults-") as folder:
         out = options.out or Path(folder)
         path = options.json or out / "results.json"
+        if path.exists():
+            kept = json.loads(path.read_text(encoding="utf-8"))
+            if other := [
+                key for key, value in saved["about"].items() if key != "date" and kept["about"].get(key) != value
+            ]:
+                sys.exit(f"{path} has results of another {', '.join(other)}; name another file, or remove it")
+            saved = kept
+        done = {one["name"] for one in saved["results"]}
         for case in chosen(options.names):
+            if case.name in done:
+                continue
             print(f"{case.name} ...", file=sys.stderr, flush=True)
-            more = {"twin": not options.no_twin, "peers": not options.no_peers}
-            results.append(run_case(case, out / case.name, **how, **more))
-            save(path, results, **how)
-        saved = json.loads(path.read_text(encoding="utf-8"))["results"]
-    print(table(saved), peers_table(saved), " ".join(summary(saved)), sep="\n\n")
+            saved["results"].append(asdict(run_case(case, out / case.name, **how, **more)))
+            new = path.with_suffix(".new")
+            new.write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
+            new.replace(path)
+    results = saved["results"]
+    print(table(results), peers_table(results), " ".join(summary(results)), sep="\n\n")
     return 0
 
 

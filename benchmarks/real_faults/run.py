@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import shutil
@@ -10,8 +9,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -126,14 +124,13 @@ def _riot(folder: Path, seconds: float, *words: str) -> None:
         raise RuntimeError(f"riot {words[0]} ended with {done.returncode}: {' '.join(last)}")
 
 
-def save(path: Path, results: Sequence[Result], **options: Any) -> None:
-    """Write results with options, date, commit and machine as JSON."""
+def about(**options: Any) -> dict[str, Any]:
+    """Return what results depend on beside the cases: commit, machine and options, and the date."""
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False).stdout
-    about = {
+    return {
         "date": time.strftime("%Y-%m-%d"),
         "commit": commit.strip(),
         "python": platform.python_version(),
         "cpus": os.cpu_count(),
         **options,
     }
-    path.write_text(json.dumps({"about": about, "results": [asdict(one) for one in results]}, indent=1) + "\n")
