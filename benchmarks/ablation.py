@@ -34,18 +34,47 @@ PACKAGE = ROOT / "riot_bus"
 ROOMS = ("campaign", "generalize", "backchain", "chain", "trial", "pool", "processes", "inject", "monitors")
 FACTORS = (0.5, 2.0)
 POINTS = 500  # a tenth of those of a result: rules that differ in less are not told apart here
-OFF = {
-    "campaign/covering.py:Covering._vary": "return None",
-    "campaign/covering.py:Covering.further": "return ()",
-    "campaign/covering.py:Covering.policies": "return ()",
-    "campaign/novelty.py:Novelties.seeds": "return [], ()",
-    "campaign/schedule.py:message_faults": "return []",
-    "campaign/situations.py:situations_of": "return ()",
-    "campaign/malformed.py:malformations": "return []",
-    "campaign/groups.py:groups_of": "return {}",
-    "campaign/triage.py:plainer": "return iter(())",
+FEATURES = {
+    **{kind: (kind,) for kind in ("abs", "mul", "sub", "add", "div", "hypot", "maxabs", "minabs", "len", "bytes")},
+    **{kind: (kind,) for kind in ("nan", "nonfinite", "ascii", "printable", "digits", "utf8")},
+    "triples": ("mul3", "mulsub", "linear"),
 }
-"""Strategies, each with what its function returns when it is off."""
+_SEARCH = "generalize/rules.py:_Search"
+OFF = {
+    "two at once, in a row, elsewhere": ("campaign/covering.py:Covering._vary", "return None"),
+    "what passed, again": ("campaign/covering.py:Covering.further", "return ()"),
+    "many messages": ("campaign/covering.py:Covering.policies", "return ()"),
+    "new behaviour": ("campaign/novelty.py:Novelties.seeds", "return [], ()"),
+    "faults of messages": ("campaign/schedule.py:message_faults", "return []"),
+    "situations": ("campaign/situations.py:situations_of", "return []"),
+    "malformed payloads": ("campaign/malformed.py:malformations", "return []"),
+    "mutations": ("campaign/groups.py:groups_of", "return {}"),
+    "values of the log": ("campaign/targets.py:with_observed", "return args[0]"),
+    "plainer cases": ("campaign/triage.py:plainer", "return iter(())"),
+    **{
+        f"feature {name}": (
+            "generalize/features.py:features_of",
+            f"return [one for one in usual(*args) if one.kind not in {kinds}]",
+        )
+        for name, kinds in FEATURES.items()
+    },
+    "feature wraps": ("generalize/features.py:_wraps", "return []"),
+    "feature casts": (f"{_SEARCH}.casts", "return False"),
+    "feature prefix, contains": ("generalize/table.py:_beginnings", "return []"),
+    "literals mod, bits": ("generalize/table.py:_residues", "return None"),
+    "literals of sets": ("generalize/table.py:Table._categories", "return None"),
+    "linear features of edges": (f"{_SEARCH}.lines", "return False"),
+    "guards": ("generalize/beam.py:learn_guarded", "return args[3]"),
+    "limits within a literal": ("generalize/rules.py:_doubtful", "return False"),
+    "asking the committee": (f"{_SEARCH}._committee", "return []"),
+    "asking at thresholds": (f"{_SEARCH}._thresholds", "return []"),
+    "asking with other signs": (f"{_SEARCH}._mirrored", "return []"),
+    "asking members of sets": (f"{_SEARCH}._members", "return []"),
+    "deciding between rules": (f"{_SEARCH}.decide", "return False"),
+    "terms improved together": ("generalize/beam.py:_improve", "return args[0]"),
+    "simplest values": ("chain/unit/simplify.py:Simplification.run", "return kwargs['noise']"),
+}
+"""Strategies, each with the function that has it, and what that returns when it is off; `usual` is the function."""
 
 
 class Row(BaseModel, frozen=True):
@@ -55,25 +84,28 @@ class Row(BaseModel, frozen=True):
     name: str = ""
     factor: float | None = None
     body: str = ""
+    what: str = ""
 
     def __str__(self) -> str:
         if not self.file:
             return "as it is"
-        return f"{self.file}:{self.name} " + ("off" if self.factor is None else f"x {self.factor:g}")
+        return f"{self.what} off" if self.factor is None else f"{self.file}:{self.name} x {self.factor:g}"
 
 
 def rows() -> Iterator[Row]:
     """Yield all rows: first no change."""
     yield Row()
-    for place, body in OFF.items():
+    for what, (place, body) in OFF.items():
         file, _, name = place.partition(":")
-        yield Row(file=file, name=name, body=body)
+        yield Row(file=file, name=name, body=body, what=what)
     for room in ROOMS:
         for path in sorted((PACKAGE / room).rglob("*.py")):
             for name, value in numbers(ast.parse(path.read_text(encoding="utf-8"))):
-                if any(type(each) in (int, float) and each for each in _constants(value)):
-                    file = str(path.relative_to(PACKAGE))
-                    yield from (Row(file=file, name=name, factor=factor) for factor in FACTORS)
+                values = [each for each in _constants(value) if type(each) in (int, float) and each]
+                shares = bool(values) and all(type(each) is float and each <= 1 for each in values)
+                file = str(path.relative_to(PACKAGE))
+                for factor in (*FACTORS, 0.0) if shares else FACTORS if values else ():
+                    yield Row(file=file, name=name, factor=factor)
 
 
 def numbers(module: ast.Module) -> Iterator[tuple[str, ast.expr]]:
@@ -97,17 +129,18 @@ def _constants(value: ast.expr) -> Iterator[Any]:
         yield from (node.value for node in ast.walk(value) if isinstance(node, ast.Constant))
 
 
-def changed(text: str, row: Row) -> str:
-    """Return the source of a module with the change of a row."""
+def changed(text: str, row: Row) -> ast.Module:
+    """Return a module with the change of a row; what stays has its lines, which some of riot looks up."""
     module = ast.parse(text)
     if row.body:
         *outer, name = row.name.split(".")
         body = module.body
         for each in outer:
             body = next(node.body for node in body if isinstance(node, ast.ClassDef) and node.name == each)
-        function = next(node for node in body if isinstance(node, ast.FunctionDef) and node.name == name)
-        function.body = ast.parse(f"def f():\n    {row.body}").body[0].body  # type: ignore[attr-defined]
-        return ast.unparse(module)
+        place = next(at for at, node in enumerate(body) if isinstance(node, ast.FunctionDef) and node.name == name)
+        other = ast.parse(f"def {name}(*args, usual={name}, **kwargs):\n    {row.body}").body[0]
+        body.insert(place + 1, other)
+        return ast.fix_missing_locations(module)
     value = next(value for name, value in numbers(module) if name == row.name)
     call = f"__import__('benchmarks.ablation', fromlist=['scaled']).scaled({ast.unparse(value)}, {row.factor})"
     new = ast.parse(call, mode="eval").body
@@ -117,7 +150,7 @@ def changed(text: str, row: Row) -> str:
                 setattr(node, field, new)
             elif isinstance(child, list) and value in child:
                 child[child.index(value)] = new
-    return ast.unparse(module)
+    return ast.fix_missing_locations(module)
 
 
 def scaled(value: Any, factor: float) -> Any:
@@ -130,25 +163,30 @@ def scaled(value: Any, factor: float) -> Any:
 
 
 class Reading(ast.NodeTransformer):
-    """Lets `names`, wherever they are read, be told to a function in `builtins`."""
+    """Lets `names`, wherever a file reads them, be told to a function in `builtins`; private ones with their file."""
 
-    def __init__(self, names: set[str]) -> None:
-        self._names = names
+    def __init__(self, names: set[str], file: str) -> None:
+        self._names, self._file = names, file
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         """Wrap a name that is read."""
         if node.id not in self._names or not isinstance(node.ctx, ast.Load):
             return node
-        return ast.Call(ast.Name("__reads__", ast.Load()), [ast.Constant(node.id), node], [])
+        name = _told(self._file, node.id)
+        return ast.Call(ast.Name("__reads__", ast.Load()), [ast.Constant(name), node], [])
 
 
-def compiled_anew(change: Callable[[Path], str | None]) -> None:
-    """Compile what is imported from now on from the text that `change` gives, if it does."""
+def _told(file: str, name: str) -> str:
+    return f"{file}:{name}" if name.startswith("_") else name
+
+
+def compiled_anew(change: Callable[[Path], ast.Module | None]) -> None:
+    """Compile what is imported from now on as `change` says, if it does."""
     usual = SourceFileLoader.get_code
 
     def get_code(self: SourceFileLoader, name: str) -> CodeType | None:
-        text = change(Path(self.path)) if self.path.startswith(f"{PACKAGE}{os.sep}") else None
-        return usual(self, name) if text is None else compile(text, self.path, "exec")
+        module = change(Path(self.path)) if self.path.startswith(f"{PACKAGE}{os.sep}") else None
+        return usual(self, name) if module is None else compile(module, self.path, "exec")
 
     SourceFileLoader.get_code = get_code  # type: ignore[method-assign, assignment]
 
@@ -166,9 +204,11 @@ def note_reads(names: set[str]) -> set[str]:
         seen.add(name)
         return value
 
-    def change(path: Path) -> str:
-        module = Reading(names).visit(ast.parse(path.read_text(encoding="utf-8")))
-        return ast.unparse(ast.fix_missing_locations(module))
+    def change(path: Path) -> ast.Module:
+        module: ast.Module = Reading(names, str(path.relative_to(PACKAGE))).visit(
+            ast.parse(path.read_text(encoding="utf-8"))
+        )
+        return ast.fix_missing_locations(module)
 
     builtins.__reads__ = reads  # type: ignore[attr-defined]
     compiled_anew(change)
@@ -177,7 +217,7 @@ def note_reads(names: set[str]) -> set[str]:
 
 def work(row: Row | None, seeds: int, names: Sequence[str]) -> Any:
     """Return what each case and seed came to with the change of a row; without a row, which numbers were read."""
-    read = note_reads({each.name for each in rows() if each.factor}) if row is None else set()
+    read = note_reads({each.name for each in rows() if each.factor is not None}) if row is None else set()
     if row and row.file:
         use(row)
     from benchmarks.real_faults.case import all_cases
@@ -270,7 +310,7 @@ def main() -> None:
         measure(None)
     if kept["read"] is None:
         sys.exit("ablation.py: what is read was not found out; see the error above")
-    unread = [row for row in asked if row.factor and row.name not in kept["read"]]
+    unread = [row for row in asked if row.factor is not None and _told(row.file, row.name) not in kept["read"]]
     left = [row for row in asked if row not in unread and str(row) not in kept["rows"]]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for number, _ in enumerate(pool.map(measure, left), 1):

@@ -81,7 +81,10 @@ def _graded(case: Case, folder: Path, *, twin: bool, points: int) -> GradedFindi
         if run.end != "passed" or case.shows(inputs_of(played), run):
             found.sort = "other"
     if found.sort == "known":
-        found.wrong = list(_wrong(case, folder, messages))
+        rate, chance = finding.rate, case.file.chance
+        if rate is not None and not rate.low <= chance <= rate.high:
+            found.wrong.append(f"fails in {rate.low:.2f} to {rate.high:.2f} of trials, truth: {chance:.2f}")
+        found.wrong += _wrong(case, folder, messages)
         if RuleRecord.exists(folder):
             _grade_rule(case, RuleRecord.load(folder), found, points)
     return found
