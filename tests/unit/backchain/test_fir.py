@@ -21,6 +21,15 @@ def test_constant_columns_and_noise_explain_nothing():
     assert fit_terms(np.zeros(100), rng.normal(size=(100, 3)), most=3) == []
 
 
+def test_a_column_is_chosen_if_it_saves_more_than_it_costs_to_name_it():
+    """BIC of one parameter, log(samples), and of a choice among columns, twice the log of their number."""
+    samples, columns, rest = 100, 50, 50.0
+    price = np.log(samples) + 2 * np.log(columns)
+    for share, chosen in ((1.02, [0]), (0.98, [])):
+        response = np.array([np.sqrt(rest * np.expm1(share * price / samples)), *[0.0] * 49, *[1.0] * 50])
+        assert fit_terms(response, np.eye(samples, columns), most=3) == chosen
+
+
 def test_an_outlier_is_clipped_before_the_scale_is_measured():
     values = np.sin(np.arange(100.0))
     values[50] = 20.0

@@ -46,12 +46,13 @@ def test_stranger_injections_are_left_out_of_a_case() -> None:
     assert next(case.injections for case in plainer(known)) == (PLAIN,)
 
 
-def test_a_value_of_another_type_is_stranger_than_one_that_is_no_number() -> None:
+def test_the_stranger_an_injection_the_harder_is_its_case_to_explain() -> None:
+    """What has no fields cannot be in a rule; a value of another type, or one that is no number, has no limits."""
     types = {("cmd", "x"): "double"}
-    (text, _), (nan, _), (plain, _) = (
-        complexity([one], 1, types) for one in (Injection("cmd", "x", "text"), STRANGE, PLAIN)
-    )
-    assert text > nan > plain
+    cut, missing = Injection("cmd", fault="truncate", value=3), Injection("cmd", "x", fault="omit")
+    injections = (cut, missing, Injection("cmd", "x", "text"), STRANGE, PLAIN)
+    (cut_, _), (missing_, _), (text, _), (nan, _), (plain, _) = (complexity([one], 1, types) for one in injections)
+    assert cut_ > missing_ == text > nan > plain
 
 
 def test_names_and_severity() -> None:

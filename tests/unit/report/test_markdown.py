@@ -49,6 +49,13 @@ def test_a_campaign_has_a_table_of_its_findings(tmp_path: Path) -> None:
     assert "### `planner-crash-1f3a` (activated)" in text
 
 
+def test_why_a_campaign_stopped_early_is_told_if_it_did(tmp_path: Path) -> None:
+    campaign_at("finished", tmp_path)
+    told = "**Stopped early**\n\n- no route\n"
+    assert told in MarkdownReport().render_campaign(load_campaign(tmp_path, problem="no route"))
+    assert "Stopped early" not in MarkdownReport().render_campaign(load_campaign(tmp_path))
+
+
 def test_a_finding_has_what_its_page_has(tmp_path: Path) -> None:
     text = MarkdownReport().render(view_at("until activate", tmp_path))
     assert "`planner` crashes when `/map:x < 0`; " in text
