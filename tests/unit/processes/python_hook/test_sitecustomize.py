@@ -63,6 +63,7 @@ def test_the_end_of_the_main_thread_is_told_though_the_process_goes_on(tmp_path:
         assert wait_until(lambda: report.main_end([process.pid]) is not None, 10)
         assert report.main_end([process.pid]) == MainEnd("sys.exit(3)", "leave")
         assert process.poll() is None
+        assert (tmp_path / "python.events").stat().st_mode & 0o777 == 0o600
         assert [stack.functions for stack in report.stacks([process.pid])] == [("waits", "worker")]
     finally:
         process.kill()
