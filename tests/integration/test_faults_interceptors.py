@@ -260,8 +260,11 @@ def test_a_bus_closes_although_an_interceptor_hangs() -> None:
     with bus, Puppet(bus.endpoint("system")) as source, Puppet(bus.endpoint("unit")) as sink:
         try:
             sink.do("subscribe", key="cut/**")
+            sink.do("queryable", key="past/x")
             subscribed(bus, "unit", "cut/x")
             source.do("put_texts", key="cut/x", payloads=["a", "b"], congestion="BLOCK")
+            # what was sent before a query that is answered is in the router, too
+            assert wait_until(lambda: bool(source.do("get", key="past/x")), 60)
             assert wait_until(lambda: bool(bus.executor.pipeline.current), 60)
             closing.start()
             closing.join(30)
