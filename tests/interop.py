@@ -109,7 +109,7 @@ LIBRARIES = Environment(
     "import filterpy.kalman, pathfinding, pymap3d, simple_pid, zenoh",
     options=("--only-binary=:all:",),
 )
-"""What thin nodes of `tests/systems/libraries` are made of."""
+"""What the nodes of `examples/localisation` are made of."""
 FOXGLOVE = Environment(
     "foxglove", ("@mcap/core@2.2.2", "@foxglove/rosmsg@5.0.5", "@foxglove/rosmsg2-serialization@3.1.0", "fzstd@0.1.1")
 )

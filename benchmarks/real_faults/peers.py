@@ -164,6 +164,7 @@ def atheris(subject: _Subject, nominal: Sequence[Input], source: random.Random) 
             words = [str(left), str(source.randrange(1 << 31)), str(last), json.dumps(known)]
             done = subprocess.run(
                 [entry, FUZZ, case.folder, *words],
+                cwd=folder,  # where it leaves what it has found
                 input=json.dumps(list(nominal)),
                 capture_output=True,
                 text=True,
