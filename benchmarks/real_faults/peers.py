@@ -28,6 +28,7 @@ from riot_bus.inject.dictionary import load_dictionary
 from tests.interop import Environment, of_case, provide
 
 FUZZ = Path(__file__).with_name("fuzz.py")
+ROOT = Path(__file__).resolve().parents[2]
 _OVERRUN = 2.0  # Hypothesis may shrink for as long again
 _EXAMPLES = 100  # Hypothesis' default
 
@@ -149,7 +150,7 @@ def hypothesis(subject: _Subject, nominal: Sequence[Input], source: random.Rando
             return
         except Exception as error:
             text = "".join(traceback.format_exception(error)[-1:]) + "\n".join(getattr(error, "__notes__", ()))
-            subject.result.said = subject.result.said or text[-600:]
+            subject.result.said = subject.result.said or text.replace(f"{ROOT}/", "")[-600:]
             known.update(subject.result.failures)
 
 
