@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import pytest
 
@@ -82,6 +83,15 @@ def test_the_page_says_first_where_a_peer_was_better() -> None:
     )
     assert "| utm | one value | **no** |" in text
     assert "| utm | Turbo87/utm#109 | utm==0.7.0 |" in text
+
+
+def test_what_is_said_of_other_software_is_what_was_measured() -> None:
+    saved = json.loads((ROOT / "benchmarks/real_faults/before.json").read_text(encoding="utf-8"))
+    text = page(saved, list(CASES.values()))
+    assert (ROOT / "docs/real-software.md").read_text(encoding="utf-8") == text
+    met, of, explained = re.search(r"riot met (\d+) of (\d+) faults and explained (\d+)", text).groups()  # type: ignore[union-attr]
+    said = f"of {of} public faults riot met {met} and explained {explained if int(explained) else 'none'}"
+    assert said in " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
 
 
 def test_rows_of_the_ablation_are_changes_of_the_source() -> None:
