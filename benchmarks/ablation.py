@@ -215,11 +215,14 @@ def note_reads(names: set[str]) -> set[str]:
     return seen
 
 
-def work(row: Row | None, seeds: int, names: Sequence[str]) -> Any:
-    """Return what each case and seed came to with the change of a row; without a row, which numbers were read."""
+def work(row: Row | None, seeds: int, names: Sequence[str], without: Sequence[str] = ()) -> Any:
+    """Return what each case and seed came to with the change of a row; without a row, which numbers were read.
+
+    Strategies of `without` are off in any case.
+    """
     read = note_reads({each.name for each in rows() if each.factor is not None}) if row is None else set()
-    if row and row.file:
-        use(row)
+    for each in (*(one for one in rows() if one.what in without), *([row] if row and row.file else [])):
+        use(each)
     from benchmarks.real_faults.case import all_cases
     from benchmarks.real_faults.grade import GOOD
     from benchmarks.real_faults.run import run_case
@@ -233,9 +236,11 @@ def work(row: Row | None, seeds: int, names: Sequence[str]) -> Any:
             with tempfile.TemporaryDirectory() as folder:
                 result = run_case(case, Path(folder), seconds=0, seed=seed, as_function=True, points=POINTS)
             grade = result.grade
+            best = max((one.accuracy or 0.0 for one in grade.findings), default=0.0) if grade else 0.0
             found[f"{case.name} {seed}"] = {
                 "met": float(grade is not None and grade.met),
-                "explained": float(grade is not None and any((one.accuracy or 0) >= GOOD for one in grade.findings)),
+                "explained": float(best >= GOOD),
+                "accuracy": best,
                 "wrong": float(sum(len(one.wrong) for one in grade.findings) + len(grade.wrong)) if grade else 0.0,
                 "failed": float(grade is None),
                 "trials": float(result.trials),
@@ -248,8 +253,8 @@ def table(measured: dict[str, dict[str, dict[str, float]]]) -> str:
     """Return what each row changes, in Markdown: sums over all cases and seeds, and in how many anything differs."""
     usual = measured[str(Row())]
     lines = [
-        "| row | differs | met | explained | wrong | failed | trials | time |",
-        "|---|---|---|---|---|---|---|---|",
+        "| row | differs | met | explained | accuracy | wrong | failed | trials | time |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for name, row in measured.items():
         common = usual.keys() & row.keys()
@@ -258,8 +263,8 @@ def table(measured: dict[str, dict[str, dict[str, float]]]) -> str:
             for key in next(iter(usual.values()))
         }
         differs = sum({**row[one], "seconds": 0} != {**usual[one], "seconds": 0} for one in common)
-        counts = [f"{mine:.0f} ({mine - theirs:+.0f})" for mine, theirs in list(sums.values())[:4]]
-        ratios = [f"{mine / max(theirs, 1e-9):.2f}" for mine, theirs in list(sums.values())[4:]]
+        counts = [f"{mine:.6g} ({mine - theirs:+.3g})" for mine, theirs in list(sums.values())[:5]]
+        ratios = [f"{mine / max(theirs, 1e-9):.2f}" for mine, theirs in list(sums.values())[5:]]
         lines.append(f"| {name} | {differs} of {len(common)} | {' | '.join([*counts, *ratios])} |")
     return "\n".join(lines)
 
@@ -270,6 +275,7 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("--rows", nargs="*", default=[""], metavar="TEXT", help="only rows that contain one of these")
     parser.add_argument("--cases", nargs="*", default=[])
+    parser.add_argument("--without", nargs="*", default=[], choices=OFF, help="strategies that are off in all rows")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--most-seconds", type=float, default=7200.0, help="for a row")
     parser.add_argument("--list", action="store_true", help="name the rows, and measure nothing")
@@ -277,7 +283,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.worker:
         row = Row.model_validate_json(options.worker) if options.worker != "read" else None
-        print(json.dumps(work(row, options.seeds, options.cases)))
+        print(json.dumps(work(row, options.seeds, options.cases, options.without)))
         return
     asked = [row for row in rows() if not row.file or any(text in str(row) for text in options.rows)]
     if options.list:
@@ -287,6 +293,7 @@ def main() -> None:
 
     def measure(row: Row | None) -> None:
         words = ["--worker", row.model_dump_json() if row else "read", "--cases", *options.cases]
+        words += ["--without", *options.without]
         command = [sys.executable, "-m", "benchmarks.ablation", str(options.file), f"--seeds={options.seeds}", *words]
         try:
             done = subprocess.run(
