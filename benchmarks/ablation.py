@@ -215,7 +215,9 @@ def note_reads(names: set[str]) -> set[str]:
     return seen
 
 
-def work(row: Row | None, seeds: int, names: Sequence[str], without: Sequence[str] = ()) -> Any:
+def work(
+    row: Row | None, seeds: int, names: Sequence[str], *, without: Sequence[str] = (), explain: bool = True
+) -> Any:
     """Return what each case and seed came to with the change of a row; without a row, which numbers were read.
 
     Strategies of `without` are off in any case.
@@ -234,7 +236,9 @@ def work(row: Row | None, seeds: int, names: Sequence[str], without: Sequence[st
         for seed in range(seeds):
             began = time.process_time()
             with tempfile.TemporaryDirectory() as folder:
-                result = run_case(case, Path(folder), seconds=0, seed=seed, as_function=True, points=POINTS)
+                result = run_case(
+                    case, Path(folder), seconds=0, seed=seed, as_function=True, explain=explain, points=POINTS
+                )
             grade = result.grade
             best = max((one.accuracy or 0.0 for one in grade.findings), default=0.0) if grade else 0.0
             found[f"{case.name} {seed}"] = {
@@ -276,6 +280,7 @@ def main() -> None:
     parser.add_argument("--rows", nargs="*", default=[""], metavar="TEXT", help="only rows that contain one of these")
     parser.add_argument("--cases", nargs="*", default=[])
     parser.add_argument("--without", nargs="*", default=[], choices=OFF, help="strategies that are off in all rows")
+    parser.add_argument("--campaigns", action="store_true", help="campaigns alone: what they meet")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--most-seconds", type=float, default=7200.0, help="for a row")
     parser.add_argument("--list", action="store_true", help="name the rows, and measure nothing")
@@ -283,7 +288,9 @@ def main() -> None:
     options = parser.parse_args()
     if options.worker:
         row = Row.model_validate_json(options.worker) if options.worker != "read" else None
-        print(json.dumps(work(row, options.seeds, options.cases, options.without)))
+        print(
+            json.dumps(work(row, options.seeds, options.cases, without=options.without, explain=not options.campaigns))
+        )
         return
     asked = [row for row in rows() if not row.file or any(text in str(row) for text in options.rows)]
     if options.list:
@@ -293,7 +300,7 @@ def main() -> None:
 
     def measure(row: Row | None) -> None:
         words = ["--worker", row.model_dump_json() if row else "read", "--cases", *options.cases]
-        words += ["--without", *options.without]
+        words += ["--without", *options.without, *["--campaigns"] * options.campaigns]
         command = [sys.executable, "-m", "benchmarks.ablation", str(options.file), f"--seeds={options.seeds}", *words]
         try:
             done = subprocess.run(

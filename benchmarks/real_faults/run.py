@@ -59,6 +59,7 @@ def run_case(
     twin: bool = False,
     peers: bool = False,
     as_function: bool = False,
+    explain: bool = True,
     points: int = POINTS,
 ) -> Result:
     """Run riot on a case, and grade what it says.
@@ -69,13 +70,14 @@ def run_case(
         twin: Whether to test the twin, too.
         peers: Whether to run the peers, each for as long as `riot test` took.
         as_function: Whether the truth stands in for the process.
+        explain: Whether what was found is analysed, too; without, it is a campaign alone. Of functions only.
         points: Number of inputs on which rules are tried.
     """
     shutil.rmtree(out, ignore_errors=True)
     result, began = Result(case.name, case.file.kind), time.monotonic()
     try:
         if as_function:
-            _as_function(case, out, result, seed=seed)
+            _as_function(case, out, result, seed=seed, explain=explain)
         else:
             case.write(out, case.command("{endpoint}"))
             _riot(out, 900.0, "test", f"--seed={seed}")
@@ -98,13 +100,14 @@ def run_case(
     return result
 
 
-def _as_function(case: Case, out: Path, result: Result, *, seed: int) -> None:
+def _as_function(case: Case, out: Path, result: Result, *, seed: int, explain: bool) -> None:
     began = time.monotonic()
     truth = TruthRunner(case)
     with Workspace(case.write(out, ["true"]), out / "riot-out", seed=seed, runners=truth) as workspace:
         folders = test_unit(workspace, "node", trials=_TRIALS, seconds=None, covered=False)
         result.test_s = time.monotonic() - began
-        analyze_all(workspace, folders)
+        if explain:
+            analyze_all(workspace, folders)
     result.trials = truth.asked
 
 
