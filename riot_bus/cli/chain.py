@@ -6,6 +6,7 @@ import inspect
 import json
 from contextlib import contextmanager
 from dataclasses import replace
+from enum import IntEnum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from riot_bus.chain.base.workspace import Workspace
     from riot_bus.findings.known import KnownFindings
 
-FAULTS, INCONCLUSIVE = 1, 5  # exit codes, listed in docs/chain.md
+_ExitCode = IntEnum("_ExitCode", {"FAULTS": 1, "INCONCLUSIVE": 5})  # listed in docs/chain.md
 _TRIALS = 100  # a guess: about a minute at the demo's 0.5 s per trial on two cores
 
 Trials = Annotated[
@@ -209,7 +210,7 @@ def demo(
     lines = [f"inconclusive: {doubt}" for doubt in doubts] or ["no finding"]
     show(figures, run.form, [summary(Path(finding)), f"report: {figures['report']}"] if finding else lines)
     if doubts:
-        raise typer.Exit(INCONCLUSIVE)
+        raise typer.Exit(_ExitCode.INCONCLUSIVE)
 
 
 @declared(RunOptions)
@@ -241,7 +242,7 @@ def run_tests(
     unjudged = [each.model_dump(mode="json") for each in record.unjudged]
     show({"unit": name, "findings": folders, "notes": record.notes, "unjudged": unjudged}, run.form, lines)
     if folders or record.doubts:
-        raise typer.Exit(FAULTS if folders else INCONCLUSIVE)
+        raise typer.Exit(_ExitCode.FAULTS if folders else _ExitCode.INCONCLUSIVE)
 
 
 @declared(RunOptions)
@@ -306,7 +307,7 @@ def analyze(
     lines = [*(summary(one.folder) for one in done), *(f"inconclusive: {doubt}" for doubt in doubts)] or ["no finding"]
     show({"findings": result}, run.form, lines)
     if folders or doubts:
-        raise typer.Exit(FAULTS if folders else INCONCLUSIVE)
+        raise typer.Exit(_ExitCode.FAULTS if folders else _ExitCode.INCONCLUSIVE)
 
 
 @declared(RunOptions, *_OF_FINDING)
@@ -346,4 +347,4 @@ def reproduce(
     told = f" ({result.detail or sure})" if result.detail or not result.failed else ""
     show(asdict(result), run.form, [line + told])
     if result.failed:
-        raise typer.Exit(FAULTS)
+        raise typer.Exit(_ExitCode.FAULTS)

@@ -8,7 +8,6 @@ import os
 from functools import cache
 from typing import Any
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # as mallopt numbers them
 _LARGEST_KEPT = 1 << 25  # glibc accepts no mmap threshold above 32 MiB
 _OWN_WISHES = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_", "GLIBC_TUNABLES")
 
@@ -58,8 +57,8 @@ def trim_heap() -> None:
 def _set_thresholds(mmap: int, trim: int) -> None:
     set_ = getattr(ctypes.CDLL(None), "mallopt", None)
     if set_ is not None and not any(name in os.environ for name in _OWN_WISHES):
-        set_(_MMAP_THRESHOLD, mmap)
-        set_(_TRIM_THRESHOLD, trim)
+        set_(-3, mmap)  # M_MMAP_THRESHOLD
+        set_(-1, trim)  # M_TRIM_THRESHOLD
 
 
 @cache

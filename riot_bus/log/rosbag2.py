@@ -30,7 +30,6 @@ RECORD = "rosbag2"
 """Name of the metadata record of a file."""
 FIELD = "serialized_metadata"
 """Key of the text in that record."""
-_VERSION, _VERSION_OF_NAMES = 8, 9  # of metadata.yaml: Humble reads 8; from 9 on, QoS are names, not numbers
 _NAMES = re.compile(r"(?:history|reliability|durability|liveliness):\s*[A-Za-z]")
 _DISTRO = re.compile(r'^ros_distro:\s*"?([\w.-]*)"?\s*$', re.MULTILINE)
 _CUSTOM = re.compile(r"^custom_data:(?:[ \t]*\n(?:[ \t]+.*(?:\n|\Z))+|[^\n]*)", re.MULTILINE)
@@ -126,7 +125,7 @@ def bag_text(files: Sequence[BagFile], details: BagDetails | None = None) -> str
     end = max((each.end for each in filled), default=start)
     lines = [
         _HEAD.rstrip(),
-        f"  version: {_VERSION_OF_NAMES if named else _VERSION}",
+        f"  version: {9 if named else 8}",  # Humble reads 8; from 9 on, QoS are names, not numbers
         "  storage_identifier: mcap",
         "  duration:",
         f"    nanoseconds: {end - start}",

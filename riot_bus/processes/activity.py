@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from riot_bus.monitors.model import ResourceSample
 
 _TELLS_TIMES = os.path.exists("/proc/self/schedstat")
-_OF_PROCESS, _OF_THREAD = 2, 6  # last bits of the number of a processor time clock: clock_getcpuclockid(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +120,7 @@ class Threads:
         now = {} if some else self._ran  # a process that has ended keeps its time
         for one in self._files if some else self.pids:
             with suppress(OSError):
-                now[one] = time.clock_gettime_ns(~one << 3 | (_OF_THREAD if some else _OF_PROCESS))
+                now[one] = time.clock_gettime_ns(~one << 3 | (6 if some else 2))  # as clock_getcpuclockid(3)
         return sum(now.values())
 
     def rests(self, before: int) -> bool:

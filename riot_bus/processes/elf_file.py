@@ -13,11 +13,13 @@ import struct
 from array import array
 from bisect import bisect_right
 from dataclasses import dataclass, field
+from enum import IntEnum
 from functools import cached_property
 from typing import NamedTuple
 
-_PT_LOAD, _PT_EH_FRAME = 1, 0x6474E550
-_SHT_SYMTAB, SHT_DYNSYM = 2, 11
+Symbols = IntEnum("Symbols", {"ALL": 2, "DYNAMIC": 11})
+"""Kinds of symbol tables: SHT_SYMTAB and SHT_DYNSYM."""
+_Segment = IntEnum("_Segment", {"LOAD": 1, "EH_FRAME": 0x6474E550})
 _SEARCH_TABLE = b"\x01\x1b\x03\x3b"  # version 1; what all linkers write
 _KINDS = {0: "Q", 2: "H", 3: "I", 4: "Q", 10: "h", 11: "i", 12: "q"}
 _CLONE = re.compile(r"(\.(cold|part|isra|constprop|lto_priv|llvm)(\.\d+)*)+$|17h[0-9a-f]{16}(?=E$)")
@@ -167,13 +169,13 @@ class ElfFile:
     def address(self, offset: int) -> int:
         """Return the address in the file's address space of a position in the file."""
         for kind, begin, address, size in self._segments:
-            if kind == _PT_LOAD and begin <= offset < begin + size:
+            if kind == _Segment.LOAD and begin <= offset < begin + size:
                 return offset - begin + address
         raise ValueError(f"nothing is loaded from position {offset}")
 
     def _loaded(self, address: int, size: int) -> bytes:
         for kind, offset, begin, held in self._segments:
-            if kind == _PT_LOAD and begin <= address < begin + held:
+            if kind == _Segment.LOAD and begin <= address < begin + held:
                 return self._read(offset + address - begin, min(size, begin + held - address))
         raise ValueError(f"nothing is loaded at address {address}")
 
@@ -181,7 +183,7 @@ class ElfFile:
         """Return a record of call frame information, positioned after its length."""
         return _Reader(self._loaded(address, 4 + struct.unpack("<I", self._loaded(address, 4))[0]), 4)
 
-    def tables(self, kind: int) -> list[tuple[bytes, bytes]]:
+    def tables(self, kind: Symbols) -> list[tuple[bytes, bytes]]:
         """Return the symbol tables of a kind, each with its names."""
         raw = self._read(self._sections, self._section_size * self._section_count)
         sections = list(struct.iter_unpack("<IIQQQQIIQQ", raw))
@@ -196,7 +198,7 @@ class ElfFile:
     def _functions(self) -> list[tuple[int, int, str]]:
         """Start address, size and name of all functions, sorted."""
         found = []
-        for table, names in self.tables(_SHT_SYMTAB) or self.tables(SHT_DYNSYM):
+        for table, names in self.tables(Symbols.ALL) or self.tables(Symbols.DYNAMIC):
             for name, info, _, section, value, size in struct.iter_unpack("<IBBHQQ", table):
                 if section and info & 0xF in (2, 10):  # STT_FUNC, STT_GNU_IFUNC
                     found.append((value, size, names[name : names.find(b"\0", name)].decode(errors="replace")))
@@ -216,7 +218,7 @@ class ElfFile:
         """Address of the table of call frame information, and relative addresses of functions and their entries."""
         numbers = array("i")
         for kind, offset, address, size in self._segments:
-            if kind == _PT_EH_FRAME:
+            if kind == _Segment.EH_FRAME:
                 data = self._read(offset, size)
                 if data[:4] == _SEARCH_TABLE:
                     numbers.frombytes(data[12 : 12 + 8 * struct.unpack_from("<I", data, 8)[0]])

@@ -30,7 +30,6 @@ TORN_DOWN_WITHIN_S = 30.0
 """Time limit of a teardown, which is killed then; an engine removes a container within a second."""
 _HALF = 8 << 20
 """Bytes that are read from the start, and from the end, of a component's output on one stream."""
-_SIGNALLED, _LAST_SIGNALLED = 129, 128 + 64  # shells report 128 plus a signal's number, which is 1 to 64 on Linux
 
 
 @dataclass(slots=True)
@@ -273,6 +272,7 @@ class Launcher:
                     _LOG.warning("the teardown of component %r failed: %s", process.name, event["problem"])
             else:
                 status = event["status"]
-                process.status = 128 - status if process.relayed and _SIGNALLED <= status <= _LAST_SIGNALLED else status
+                signalled = process.relayed and 128 < status < 128 + signal.NSIG  # as shells report signals
+                process.status = 128 - status if signalled else status
                 process.stack = tuple((file, name) for file, name in event["stack"])
                 process.excess = tuple(event["excess"]) if event["excess"] else None

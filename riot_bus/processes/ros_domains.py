@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from riot_bus.processes.launcher import ComponentProcess, Launcher
 
 
-_DOMAINS = range(1, 101)
-_DDS_PORT, _PORTS_OF_DOMAIN = 7400, 250
-"""First port, and distance between domains, of the ports on which participants discover each other."""
+_DOMAINS = range(1, 101)  # not 0, everybody's; above 101, ports may belong to clients (32,768 and more on Linux)
 
 
 def riot_command() -> list[str]:
@@ -79,6 +77,6 @@ def free_domains(count: int) -> Iterator[list[int]]:
 def _taken(number: int) -> Iterator[None]:
     with socket.socket() as lock, socket.socket(type=socket.SOCK_DGRAM) as probe:
         lock.bind(("", 32_768 + number))  # as ROS's domain_coordinator and colcon's do
-        probe.bind(("", _DDS_PORT + _PORTS_OF_DOMAIN * number))
+        probe.bind(("", 7400 + 250 * number))  # on which participants of DDS discover each other
         probe.close()
         yield

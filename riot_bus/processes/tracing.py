@@ -12,17 +12,16 @@ import os
 import signal
 import struct
 from contextlib import suppress
+from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
-from riot_bus.processes.elf_file import SHT_DYNSYM, CallFrame, ElfFile
+from riot_bus.processes.elf_file import CallFrame, ElfFile, Symbols
 
 WALL = 0x40000000
 """Option of `os.waitpid` that includes traced threads."""
 
-_CONT, _GETREGSET, _SEIZE, _LISTEN = 7, 0x4204, 0x4206, 0x4208
-_TRACE_CLONE, _EXIT_KILL = 1 << 3, 1 << 20
-_EVENT_STOP = 128
-_PRSTATUS = 1
+_Call = IntEnum("_Call", {"CONT": 7, "GETREGSET": 0x4204, "SEIZE": 0x4206, "LISTEN": 0x4208})
+_Option = IntFlag("_Option", {"TRACE_CLONE": 1 << 3, "EXIT_KILL": 1 << 20})
 _FATAL = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGTRAP)
 _SANITIZER = b"san_init"
 """Part of symbol names of every sanitizer. They write reports themselves, and LeakSanitizer gives up if traced."""
@@ -174,7 +173,7 @@ class _Area(ctypes.Structure):
     _fields_ = (("base", ctypes.c_void_p), ("size", ctypes.c_size_t))
 
 
-def _request(number: int, thread: int, where: int = 0, data: int | None = 0) -> int:
+def _request(number: _Call, thread: int, where: int = 0, data: int | None = 0) -> int:
     """Carry out a ptrace request; return 0 or the error number."""
     return 0 if _ptrace(number, thread, where, data) == 0 else ctypes.get_errno()
 
@@ -207,7 +206,7 @@ class Tracer:
         while new := set(os.listdir(f"/proc/{pid}/task")) - known:  # there may be more while this works
             known |= new
             for thread in new:
-                error = _request(_SEIZE, int(thread), 0, _TRACE_CLONE | _EXIT_KILL) if seize else 0
+                error = _request(_Call.SEIZE, int(thread), 0, _Option.TRACE_CLONE | _Option.EXIT_KILL) if seize else 0
                 if error == errno.EPERM and b"\nTracerPid:\t0\n" in _status(int(thread)):
                     raise PermissionError(error, os.strerror(error))
                 with suppress(OSError), open(f"/proc/{pid}/task/{thread}/children", "rb") as stream:
@@ -217,13 +216,13 @@ class Tracer:
     def let_go_on(self, thread: int, status: int) -> None:
         """Resume a thread whose stop `os.waitpid` reported; if a signal is about to kill it, save its stack first."""
         number, event = os.WSTOPSIG(status), status >> 16
-        if event == _EVENT_STOP and number != signal.SIGTRAP:  # it is stopped until SIGCONT
-            _request(_LISTEN, thread)
+        if event == 128 and number != signal.SIGTRAP:  # PTRACE_EVENT_STOP: it is stopped until SIGCONT
+            _request(_Call.LISTEN, thread)
             return
         if not event and number in _FATAL:
             with suppress(*UNREADABLE):
                 self._look(thread, number)
-        _request(_CONT, thread, 0, 0 if event else number)
+        _request(_Call.CONT, thread, 0, 0 if event else number)
 
     def stack(self, pid: int) -> list[tuple[str, str]]:
         """Return the stack at which a signal killed a process, and forget it; empty if unknown."""
@@ -236,7 +235,7 @@ class Tracer:
         pid = int(text.partition(b"\nTgid:\t")[2].split()[0])
         buffer = ctypes.create_string_buffer(512)
         area = _Area(ctypes.addressof(buffer), len(buffer))
-        if self._machine and not _request(_GETREGSET, thread, _PRSTATUS, ctypes.addressof(area)):
+        if self._machine and not _request(_Call.GETREGSET, thread, 1, ctypes.addressof(area)):  # NT_PRSTATUS
             self._stacks[pid] = unwind(pid, buffer.raw[: area.size], self._machine)
 
     def _reports_itself(self, pid: int) -> bool:
@@ -246,7 +245,7 @@ class Tracer:
         path = os.readlink(f"/proc/{pid}/exe")
         key = path, os.stat(path).st_mtime_ns
         if key not in self._sanitized:
-            self._sanitized[key] = any(_SANITIZER in names for _, names in ElfFile(path).tables(SHT_DYNSYM))
+            self._sanitized[key] = any(_SANITIZER in names for _, names in ElfFile(path).tables(Symbols.DYNAMIC))
         return self._sanitized[key] or b"san.so" in preloaded
 
 

@@ -40,8 +40,6 @@ RUNTIME = (b"app-", b"tx-", b"rx-", b"net-", b"acc-")
 """Prefixes of the names of the threads of Zenoh's runtimes."""
 _FUTEX, _EPOLL = {"x86_64": (202, (232, 281)), "aarch64": (98, (22,))}.get(platform.machine(), (-1, ()))
 """Numbers of system calls; elsewhere nothing is certain."""
-_PRIVATE, _COMMAND, _WAITS = 0x80, 0x7F, (0, 9)
-"""Of a futex: the flag of one that no other process wakes, what to do, and the two ways to wait."""
 
 
 class _Own(threading.local):
@@ -206,7 +204,7 @@ def waits_for_input(name: bytes, call: bytes, *, window: float) -> bool:
     number, arguments = int(words[0]), [int(word, 16) for word in words[1:5]]
     if number == _FUTEX:
         how, timeout = arguments[1], arguments[3]
-        return bool(how & _PRIVATE) and how & _COMMAND in _WAITS and not timeout
+        return how & 0xFF in (0x80, 0x89) and not timeout  # FUTEX_WAIT, FUTEX_WAIT_BITSET; FUTEX_PRIVATE_FLAG
     if number in _EPOLL and name.startswith(RUNTIME):
         milliseconds = arguments[3] & 0xFFFFFFFF
         return milliseconds >= 1 << 31 or milliseconds >= window * 1e3

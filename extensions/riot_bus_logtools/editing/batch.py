@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from riot_bus.log.engine.blocks import Block
 
-_CHANNEL_AT, _TIME_AT, _PUBLISHED_AT = 9, 15, 23  # bytes into MCAP's message record: see blocks.MESSAGE
+_CHANNEL_AT, _TIME_AT, _PUBLISHED_AT = HEAD.size, MESSAGE_HEAD - 16, MESSAGE_HEAD - 8  # see blocks.MESSAGE
 
 
 @dataclass(slots=True, eq=False)

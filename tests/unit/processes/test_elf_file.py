@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.processes.elf_file import SHT_DYNSYM, ElfFile
+from riot_bus.processes.elf_file import ElfFile, Symbols
 
 SOURCE = """
 static int __attribute__((noinline)) hidden(volatile int *at) { return *at + 1; }
@@ -63,7 +63,7 @@ def test_the_way_to_the_caller_is_known_at_each_place(library: Path) -> None:
 
 
 def test_names_that_a_program_imports_are_in_a_table(library: Path) -> None:
-    assert any(b"shown" in names for _, names in ElfFile(str(library)).tables(SHT_DYNSYM))
+    assert any(b"shown" in names for _, names in ElfFile(str(library)).tables(Symbols.DYNAMIC))
 
 
 def test_what_is_no_elf_file_is_refused(tmp_path: Path) -> None:
