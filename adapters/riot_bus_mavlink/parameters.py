@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 ItemT = TypeVar("ItemT")
 
 _READ = struct.Struct("<hBB16s")
-"""PARAM_REQUEST_READ: index, target system and component, name."""
+"""PARAM_REQUEST_READ: index, -1 to ask by name, target system and component, name."""
 _SET = struct.Struct("<4sBB16sB")
 """PARAM_SET: value, target system and component, name, type."""
 _VALUE = struct.Struct("<4s4x16sB")
@@ -36,12 +36,6 @@ _VALUE = struct.Struct("<4s4x16sB")
 _ERROR = struct.Struct("<4x16sB")
 """PARAM_ERROR: target and index, name, error."""
 _NAME = 16  # bytes of a name
-_BY_NAME = -1
-"""Index of a parameter that is asked for by its name."""
-_AUTOPILOT = 5
-"""Offset of the autopilot in a HEARTBEAT."""
-_ARDUPILOT = 3
-"""MAV_AUTOPILOT_ARDUPILOTMEGA."""
 _INTEGERS: Mapping[int, tuple[str, struct.Struct]] = {
     1: ("uint8", struct.Struct("<B3x")),
     2: ("int8", struct.Struct("<b3x")),
@@ -135,16 +129,14 @@ class _Exchange:
     def set(self, name: str, value: Scalar) -> str:
         """Set one parameter; return why it is refused, empty if it is not, or the system has ended."""
         told, target = name.encode(), self._target
-        kind = self._ask(
-            "PARAM_REQUEST_READ", _READ.pack(_BY_NAME, *target, told), lambda frame: self._kind_of(frame, told)
-        )
+        kind = self._ask("PARAM_REQUEST_READ", _READ.pack(-1, *target, told), lambda frame: self._kind_of(frame, told))
         if kind is None:
             return self._ended(f"of what type {name} is", hint="is the parameter spelt right?")
         if kind in _INTEGERS and self._autopilot is None:
             self._ask("", b"", lambda frame: self._autopilot)
             if self._autopilot is None:
                 return self._ended("by a HEARTBEAT in which form it takes integers")
-        form = ParameterKind(kind, self._autopilot == _ARDUPILOT)
+        form = ParameterKind(kind, self._autopilot == 3)  # MAV_AUTOPILOT_ARDUPILOTMEGA
         try:
             data = packed(value, form, name=name)
         except PayloadError as error:
@@ -186,7 +178,7 @@ class _Exchange:
             if (frame.system, frame.component) != self._target:
                 continue
             if self._dialect.name_of(frame.message_id) == "HEARTBEAT":
-                self._autopilot = frame.payload.ljust(_AUTOPILOT + 1, b"\0")[_AUTOPILOT]
+                self._autopilot = frame.payload.ljust(6, b"\0")[5]
             if (found := accept(frame)) is not None:
                 return found
         return None

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     Definition = tuple[Constdefs, Fielddefs]
 
 KINDS = ("msg", "srv", "action")
-_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4  # rosbags' Nodetype
+_BASE, _NAME, _ARRAY, _SEQUENCE = range(1, 5)  # rosbags' Nodetype
 _MOST_TEXT = 1 << 20  # bounds the parser's time for any text of a node; Jazzy's longest have 4 kB
 _DIVIDER = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _SECTION = re.compile(r"^=+\n(?:MSG|IDL): *(\S+)[ \t]*\n", re.MULTILINE)

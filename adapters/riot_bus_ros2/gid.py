@@ -14,10 +14,8 @@ _SECRET = bytes.fromhex(
     "a8fa763fe39c343ff9dcbbc7c70b4f1d8a51e04bcdb45931c89f7ec9d9787364eac5ac8334d3ebc3c581a0fffa1363eb"
     "170ddd51b7f0da49d316552629d4689e2b16be587d47a1fc8ff8b8d17ad031ce45cb3a8f95160428afd7fbcabb4b407e"
 )
-_P32_1, _P32_2, _P32_3 = 0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D
-_P64_1, _P64_2, _P64_3 = 0x9E3779B185EBCA87, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9
-_P64_4, _P64_5 = 0x85EBCA77C2B2AE63, 0x27D4EB2F165667C5
-_MX1 = 0x165667919E3779F9
+_P32 = (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D)
+_P64 = (0x9E3779B185EBCA87, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x85EBCA77C2B2AE63, 0x27D4EB2F165667C5)
 _64 = (1 << 64) - 1
 _STRIPE = 64
 _STRIPES = (len(_SECRET) - _STRIPE) // 8
@@ -50,7 +48,7 @@ def _fold(first: int, second: int) -> int:
 
 def _avalanche(value: int) -> int:
     value ^= value >> 37
-    value = value * _MX1 & _64
+    value = value * 0x165667919E3779F9 & _64
     return value ^ (value >> 32)
 
 
@@ -60,7 +58,7 @@ def _mix(data: bytes, position: int, secret: int) -> int:
 
 def _medium(data: bytes) -> int:
     size = len(data)
-    low, high = size * _P64_1 & _64, 0
+    low, high = size * _P64[0] & _64, 0
 
     def round_(low: int, high: int, first: int, second: int, secret: int) -> tuple[int, int]:
         low = low + _mix(data, first, secret) & _64
@@ -79,12 +77,12 @@ def _medium(data: bytes) -> int:
         for step in range(4, size // 32):
             low, high = round_(low, high, 32 * step, 32 * step + 16, 3 + 32 * (step - 4))
         low, high = round_(low, high, size - 16, size - 32, 136 - 17 - 16)
-    mixed = low * _P64_1 + high * _P64_4 + size * _P64_2 & _64
+    mixed = low * _P64[0] + high * _P64[3] + size * _P64[1] & _64
     return (-_avalanche(mixed) & _64) << 64 | _avalanche(low + high & _64)
 
 
 def _long(data: bytes) -> int:
-    sums = [_P32_3, _P64_1, _P64_2, _P64_3, _P64_4, _P32_2, _P64_5, _P32_1]
+    sums = [_P32[2], *_P64[:4], _P32[1], _P64[4], _P32[0]]
 
     def accumulate(position: int, secret: int) -> None:
         for lane in range(8):
@@ -100,7 +98,7 @@ def _long(data: bytes) -> int:
             accumulate(number * block + stripe * _STRIPE, 8 * stripe)
         for lane in range(8):
             value = sums[lane] ^ (sums[lane] >> 47) ^ _read(_SECRET, len(_SECRET) - _STRIPE + 8 * lane)
-            sums[lane] = value * _P32_1 & _64
+            sums[lane] = value * _P32[0] & _64
     for stripe in range((size - 1 - blocks * block) // _STRIPE):
         accumulate(blocks * block + stripe * _STRIPE, 8 * stripe)
     accumulate(size - _STRIPE, len(_SECRET) - _STRIPE - 7)
@@ -113,6 +111,6 @@ def _long(data: bytes) -> int:
             )
         return _avalanche(start & _64)
 
-    low = merge(size * _P64_1 & _64, 11)
-    high = merge(~(size * _P64_2) & _64, len(_SECRET) - _STRIPE - 11)
+    low = merge(size * _P64[0] & _64, 11)
+    high = merge(~(size * _P64[1]) & _64, len(_SECRET) - _STRIPE - 11)
     return high << 64 | low

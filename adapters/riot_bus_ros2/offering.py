@@ -18,7 +18,7 @@ from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachm
 from riot_bus_ros2.definitions import normal_name
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.keys import DataKey, build_data_key, is_topic, parse_data_key
-from riot_bus_ros2.qos import BEST_EFFORT, USUAL_DEPTH, RosQos, parse_offered
+from riot_bus_ros2.qos import USUAL_DEPTH, Reliability, RosQos, parse_offered
 from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 
 NODE = "riot_play"
@@ -75,7 +75,7 @@ def clock_of(topics: Sequence[RecordedTopic], *, domain: int | None, type_hash: 
         domain = _default_domain() if example is None else example.domain
     hashed = example is None or example.type_hash is not None  # Humble has no hashes
     key = DataKey(domain, CLOCK_TOPIC, CLOCK_TYPE, type_hash if hashed else None)
-    return SimClock(CLOCK_TOPIC, _offer(key, RosQos(BEST_EFFORT, depth=1)), clock_payload)
+    return SimClock(CLOCK_TOPIC, _offer(key, RosQos(Reliability.BEST_EFFORT, depth=1)), clock_payload)
 
 
 def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:

@@ -9,15 +9,16 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Self
 
 Duration = tuple[int, int]
 """Seconds and nanoseconds."""
 
-RELIABLE, BEST_EFFORT = 1, 2
-LATCHED, VOLATILE = 1, 2
-KEEP_LAST, KEEP_ALL = 1, 2
-AUTOMATIC, BY_TOPIC = 1, 3  # rmw's numbers, as above; 2 (by node) is deprecated
+Reliability = IntEnum("Reliability", "RELIABLE BEST_EFFORT")  # rmw's numbers, as below
+Durability = IntEnum("Durability", "LATCHED VOLATILE")
+HistoryPolicy = IntEnum("HistoryPolicy", "KEEP_LAST KEEP_ALL")
+Liveliness = IntEnum("Liveliness", {"AUTOMATIC": 1, "BY_TOPIC": 3})  # 2 (by node) is deprecated
 FOREVER: Duration = (9223372036, 854775807)
 """What rmw takes for an infinite duration."""
 USUAL_DEPTH = 10
@@ -41,7 +42,6 @@ _MEANT = {
     ("liveliness", "manual_by_topic"): "by_topic",
     ("liveliness", "3"): "by_topic",
 }
-_DEFAULTS = ((1,), (2,), (1, _DEFAULT_DEPTH), FOREVER, FOREVER, (1, *FOREVER))
 _NUMBER = re.compile(r"[0-9]{1,10}", re.ASCII)
 
 
@@ -60,29 +60,29 @@ class RosQos:
         lease: Longest silence after which a publisher still counts as alive.
     """
 
-    reliability: int = RELIABLE
-    durability: int = VOLATILE
-    history: int = KEEP_LAST
+    reliability: int = Reliability.RELIABLE
+    durability: int = Durability.VOLATILE
+    history: int = HistoryPolicy.KEEP_LAST
     depth: int = _DEFAULT_DEPTH
     deadline: Duration = FOREVER
     lifespan: Duration = FOREVER
-    liveliness: int = AUTOMATIC
+    liveliness: int = Liveliness.AUTOMATIC
     lease: Duration = FOREVER
 
     @property
     def reliable(self) -> bool:
         """Whether lost messages are sent again."""
-        return self.reliability == RELIABLE
+        return self.reliability == Reliability.RELIABLE
 
     @property
     def latched(self) -> bool:
         """Whether late joiners get the last messages (transient local)."""
-        return self.durability == LATCHED
+        return self.durability == Durability.LATCHED
 
     @property
     def keep_all(self) -> bool:
         """Whether all messages are kept, whatever the depth."""
-        return self.history == KEEP_ALL
+        return self.history == HistoryPolicy.KEEP_ALL
 
     @property
     def kept(self) -> int:
@@ -112,13 +112,13 @@ class RosQos:
         """Return the QoS that `numbers` describes; numbers of rmw for "unknown" become the weaker setting."""
         reliability, durability, history, depth, deadline, lifespan, liveliness, lease = numbers
         return cls(
-            RELIABLE if reliability == RELIABLE else BEST_EFFORT,
-            LATCHED if durability == LATCHED else VOLATILE,
-            KEEP_ALL if history == KEEP_ALL else KEEP_LAST,
+            Reliability.RELIABLE if reliability == Reliability.RELIABLE else Reliability.BEST_EFFORT,
+            Durability.LATCHED if durability == Durability.LATCHED else Durability.VOLATILE,
+            HistoryPolicy.KEEP_ALL if history == HistoryPolicy.KEEP_ALL else HistoryPolicy.KEEP_LAST,
             depth,
             divmod(deadline, _SECOND) if deadline else FOREVER,
             divmod(lifespan, _SECOND) if lifespan else FOREVER,
-            BY_TOPIC if liveliness == BY_TOPIC else AUTOMATIC,
+            Liveliness.BY_TOPIC if liveliness == Liveliness.BY_TOPIC else Liveliness.AUTOMATIC,
             divmod(lease, _SECOND) if lease else FOREVER,
         )
 
@@ -137,18 +137,15 @@ class RosQos:
             >>> RosQos(durability=1, depth=1).token()
             ':1:,1:,:,:,,'
         """
-        groups = (
-            (self.reliability,),
-            (self.durability,),
-            (self.history, self.depth),
-            self.deadline,
-            self.lifespan,
-            (self.liveliness, *self.lease),
-        )
         return ":".join(
             ",".join("" if value == default else str(value) for value, default in zip(group, defaults, strict=True))
-            for group, defaults in zip(groups, _DEFAULTS, strict=True)
+            for group, defaults in zip(self.groups(), _DEFAULTS, strict=True)
         )
+
+    def groups(self) -> tuple[tuple[int, ...], ...]:
+        """Return the parts of `token`."""
+        history, liveliness = (self.history, self.depth), (self.liveliness, *self.lease)
+        return (self.reliability,), (self.durability,), history, self.deadline, self.lifespan, liveliness
 
     def profile(self) -> str:
         """Return the profile as rosbag2 writes it: YAML, with rmw's numbers."""
@@ -164,6 +161,9 @@ class RosQos:
             "  avoid_ros_namespace_conventions: false",
         ]
         return "\n".join(lines) + "\n"
+
+
+_DEFAULTS = RosQos().groups()
 
 
 def _numbers(text: str, defaults: tuple[int, ...]) -> list[int]:
@@ -192,13 +192,13 @@ def parse_offered(text: str) -> RosQos:
     latched = [each for each, means in zip(profiles, meant, strict=True) if "latched" in means]
     depths = [_depth(each) for each in latched or profiles]
     return RosQos(
-        reliability=BEST_EFFORT if all("best_effort" in each for each in meant) else RELIABLE,
-        durability=LATCHED if latched else VOLATILE,
-        history=KEEP_ALL if any("keep_all" in each for each in meant) else KEEP_LAST,
+        reliability=Reliability.BEST_EFFORT if all("best_effort" in each for each in meant) else Reliability.RELIABLE,
+        durability=Durability.LATCHED if latched else Durability.VOLATILE,
+        history=HistoryPolicy.KEEP_ALL if any("keep_all" in each for each in meant) else HistoryPolicy.KEEP_LAST,
         depth=min(_ALL, sum(depths) if latched else max(depths)),
         deadline=min(_durations(text, "deadline")),
         lifespan=max(_durations(text, "lifespan")),
-        liveliness=BY_TOPIC if any("by_topic" in each for each in meant) else AUTOMATIC,
+        liveliness=Liveliness.BY_TOPIC if any("by_topic" in each for each in meant) else Liveliness.AUTOMATIC,
         lease=min(_durations(text, "liveliness_lease_duration")),
     )
 

@@ -17,7 +17,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from riot_bus_ros2.qos import BEST_EFFORT, KEEP_ALL, KEEP_LAST, LATCHED, RELIABLE, VOLATILE, RosQos
+from riot_bus_ros2.qos import Durability, HistoryPolicy, Reliability, RosQos
 
 TOKENS = "@/*/@ros2_lv/**"
 """Key expression of the tokens of all bridges."""
@@ -96,9 +96,9 @@ class BridgeQos:
     def announced(self) -> RosQos:
         """The same QoS with rmw's numbers; missing values are the defaults of a DDS writer."""
         return RosQos(
-            reliability=BEST_EFFORT if self.reliability == 0 else RELIABLE,
-            durability=LATCHED if self.durability else VOLATILE,
-            history=KEEP_ALL if self.history == 1 else KEEP_LAST,
+            reliability=Reliability.BEST_EFFORT if self.reliability == 0 else Reliability.RELIABLE,
+            durability=Durability.LATCHED if self.durability else Durability.VOLATILE,
+            history=HistoryPolicy.KEEP_ALL if self.history == 1 else HistoryPolicy.KEEP_LAST,
             depth=1 if self.depth is None else self.depth,
         )
 
@@ -106,7 +106,7 @@ class BridgeQos:
     def of(cls, qos: RosQos, *, type_hash: str | None = None) -> BridgeQos:
         """Return what a bridge would announce for a publisher of ROS 2."""
         return cls(
-            reliability=0 if qos.reliability == BEST_EFFORT else 1,
+            reliability=0 if qos.reliability == Reliability.BEST_EFFORT else 1,
             durability=int(qos.latched),
             history=int(qos.keep_all),
             depth=qos.depth,

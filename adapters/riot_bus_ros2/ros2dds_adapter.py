@@ -14,7 +14,7 @@ from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.announcing import announcement_of
 from riot_bus_ros2.keys import action_parts, is_topic, is_topic_expression, parse_data_key
 from riot_bus_ros2.offering import CLOCK_TOPIC, CLOCK_TYPE, clock_payload, full_name, offer_on, ros_type_of
-from riot_bus_ros2.qos import BEST_EFFORT, RosQos, parse_offered
+from riot_bus_ros2.qos import Reliability, RosQos, parse_offered
 from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken, request_attachment
 from riot_bus_ros2.tokens import profiles_of
 
@@ -109,7 +109,8 @@ class Ros2DdsAdapter(Ros2Adapter):
 
     def clock(self, topics: Sequence[RecordedTopic], *, domain: int | None) -> SimClock:
         """Return how to publish `/clock`."""
-        offer = self._offer(CLOCK_TOPIC, CLOCK_TYPE, RosQos(BEST_EFFORT, depth=1), self.store.type_hash(CLOCK_TYPE))
+        qos = RosQos(Reliability.BEST_EFFORT, depth=1)
+        offer = self._offer(CLOCK_TOPIC, CLOCK_TYPE, qos, self.store.type_hash(CLOCK_TYPE))
         return SimClock(CLOCK_TOPIC, offer, clock_payload)
 
     def _request_attachment(self) -> bytes:

@@ -17,10 +17,9 @@ from riot_bus_bridges.links.end import MOST_PENDING, End
 from riot_bus_bridges.links.link import Host, Link, Place, RetriedLink, cannot_listen, look_up, place_of, text_of
 from riot_bus_bridges.links.packets import Packets
 from riot_bus_bridges.mavlink.url import LinkSpec
+from riot_bus_mavlink.frame import V1, V2
 
 _UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
-_STARTS = (0xFE, 0xFD)  # first bytes of frames, `V1` and `V2` in frame.py
-_DROPS = 12  # column of /proc/net/udp
 _SIZE = struct.Struct("=H")
 _CANNOT_CUT = {errno.EIO, errno.EINVAL, errno.EMSGSIZE, errno.ENOPROTOOPT, errno.EOPNOTSUPP}
 
@@ -208,7 +207,7 @@ def _alike(frames: Sequence[bytes], at: int) -> int:
 
 
 def _is_no_frame(data: bytes) -> bool:
-    return not data or data[0] not in _STARTS
+    return not data or data[0] not in (V1, V2)
 
 
 def _of_many(host: Any) -> bool:
@@ -226,8 +225,8 @@ def _drops(made: socket.socket) -> int:
         with open(table, encoding="ascii") as rows:
             for row in rows:
                 columns = row.split()
-                if len(columns) > _DROPS and columns[9] == inode:
-                    return int(columns[_DROPS])
+                if len(columns) > 12 and columns[9] == inode:
+                    return int(columns[12])
     except (OSError, ValueError):
         pass
     return 0

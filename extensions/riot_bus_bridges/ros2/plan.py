@@ -7,18 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from riot_bus_ros2.keys import DataKey
-from riot_bus_ros2.qos import (
-    AUTOMATIC,
-    BEST_EFFORT,
-    BY_TOPIC,
-    FOREVER,
-    KEEP_LAST,
-    LATCHED,
-    RELIABLE,
-    USUAL_DEPTH,
-    VOLATILE,
-    RosQos,
-)
+from riot_bus_ros2.qos import FOREVER, USUAL_DEPTH, Durability, HistoryPolicy, Liveliness, Reliability, RosQos
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -206,8 +195,9 @@ def _up(profiles: Sequence[RosQos], options: Ros2BridgeOptions) -> UpPlan:
     reliable = all(each.reliable for each in profiles)
     latched = all(each.latched for each in profiles)
     depth = max(options.depth, options.latched) if latched else options.depth
-    durability = LATCHED if latched else VOLATILE
-    return UpPlan(RosQos(RELIABLE if reliable else BEST_EFFORT, durability, KEEP_LAST, depth), reliable, latched)
+    durability = Durability.LATCHED if latched else Durability.VOLATILE
+    reliability = Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT
+    return UpPlan(RosQos(reliability, durability, HistoryPolicy.KEEP_LAST, depth), reliable, latched)
 
 
 def _down(
@@ -220,14 +210,15 @@ def _down(
     kept = options.latched
     if latched and elsewhere:
         kept = min(1 << 16, sum(depths))  # peers may announce any depth
+    by_topic = any(each.liveliness == Liveliness.BY_TOPIC for each in profiles)
     writer = RosQos(
-        RELIABLE if reliable else BEST_EFFORT,
-        LATCHED if latched else VOLATILE,
-        KEEP_LAST,
+        Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT,
+        Durability.LATCHED if latched else Durability.VOLATILE,
+        HistoryPolicy.KEEP_LAST,
         kept if latched else options.depth,
         _shortest(each.deadline for each in profiles),
         _longest(each.lifespan for each in elsewhere),
-        BY_TOPIC if any(each.liveliness == BY_TOPIC for each in profiles) else AUTOMATIC,
+        Liveliness.BY_TOPIC if by_topic else Liveliness.AUTOMATIC,
         _shortest(each.lease for each in profiles),
     )
     return DownPlan(writer, kept if latched else None, bool(elsewhere))
