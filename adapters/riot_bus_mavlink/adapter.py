@@ -23,7 +23,6 @@ from riot_bus_mavlink.tlog import TlogUnpacker, tlog_record
 
 _OPTIONS = ("dialect", "key_file", "template")
 _COMPONENT = re.compile(r"([1-9][0-9]{0,2})/([1-9][0-9]{0,2})", re.ASCII)
-_MOST = 255  # largest id of a system or component
 _SHORT = re.compile(r"(?:([0-9]{1,3}|\*)/([0-9]{1,3}|\*)/)?([A-Z][A-Z0-9_]*)")
 
 
@@ -129,9 +128,7 @@ class MavlinkAdapter:
         """Return whether a text names a component, such as `1/1`: the ids of its system and its own."""
         match = _COMPONENT.fullmatch(node)
         return (
-            match is not None
-            and max(map(int, match.groups())) <= _MOST
-            and self.dialect.message("PARAM_SET") is not None
+            match is not None and max(map(int, match.groups())) <= 255 and self.dialect.message("PARAM_SET") is not None
         )
 
     def set_parameters(self, request: ParameterRequest) -> Mapping[str, str]:

@@ -24,7 +24,7 @@ SIGNED = 0x01
 """Incompatibility flag of signed frames, the only one that is defined."""
 SIGNATURE = 13
 """Bytes of a signature."""
-LONGEST = 280
+LONGEST = HEADER_SIZE[2] + 255 + 2 + SIGNATURE
 """Bytes of the longest frame: 10 of header, 255 of payload, 2 of checksum, 13 of signature."""
 
 KIND = slice(5, 10)

@@ -15,7 +15,6 @@ from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V2, Frame
 
 KEY_BYTES = 32  # SHA-256 of a passphrase (MAVLink 2, message signing)
 _HASH_BYTES = 6  # of the signature, 48 bits of SHA-256
-_MOST_TICKS = (1 << 48) - 1  # a signature has 48 bits for its timestamp
 _MOST_STREAMS = 1 << 14  # of 2**24 that ids can tell apart: bounds memory at about 2 MB
 
 
@@ -82,7 +81,7 @@ class Renewer:
         time = int.from_bytes(raw[-12:-6], "little")
         if time <= last or time < now:
             time = max(now, last + 1)
-            if time > _MOST_TICKS:
+            if time >> 48:  # a signature has 48 bits for it
                 raise PayloadError("there is no later time for a signature")
             raw = self._signer.sign(raw[:-SIGNATURE], raw[-13], time)
         if last < 0 and len(self._last) >= _MOST_STREAMS:

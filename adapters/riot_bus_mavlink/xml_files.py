@@ -28,7 +28,6 @@ _TYPE = re.compile(r"([a-z0-9_]+)(?:\[([0-9]{1,3})\])?")
 _POWER = re.compile(r"([0-9]{1,2})\*\*([0-9]{1,2})")
 _ALIASES = {"uint8_t_mavlink_version": "uint8_t", "array": "int8_t"}
 _MOST_BYTES = 1 << 24  # 27 times pymavlink's largest file; the tree of elements takes even more memory
-_MOST_ID = (1 << 24) - 1  # MAVLink 2 has 24 bits for the id of a message
 
 
 @dataclass(slots=True)
@@ -75,7 +74,7 @@ def parse_dialect(data: bytes, *, where: str) -> DialectFile:
 def _message(element: Element) -> MessageTable:
     name = _name(element)
     number = _integer(element.get("id", ""), f"the id of message {name}")
-    if not 0 <= number <= _MOST_ID:
+    if not 0 <= number < 1 << 24:  # MAVLink 2 has 24 bits for it
         raise DialectError(f"message {name}: {number} is not an id")
     fields = []
     extension = False

@@ -27,7 +27,7 @@ EndpointKind = Literal["MP", "MS", "SS", "SC"]
 
 _SPACE = "@ros2_lv"
 _NODE_CHUNKS = 8  # those behind `_SPACE` in a node's token, as at the top
-_ENDPOINT_CHUNKS = 12  # a node's 8, and name, type, hash and QoS
+_ENDPOINT_CHUNKS = _NODE_CHUNKS + 4  # and name, type, hash and QoS
 _MOST_PROFILES = 64  # a guess: tokens can be forged, and each would make the log's metadata longer
 _KINDS: dict[str, EndpointKind] = {kind: kind for kind in get_args(EndpointKind)}
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,8}", re.ASCII)

@@ -19,10 +19,7 @@ EndName = Literal["left", "right"]
 DEADLINE_S = 60.0
 """Longest wait for anything that must happen."""
 
-_PROBE_INTERVAL_S = 0.002  # each look publishes a message per session: at most 500 a second
-
 _HEARTBEAT_S = 0.05  # shows a loss at once, compared with the 2 s that scenarios wait for it
-_ANSWER_S = 5.0  # generous, not measured: the default of Zenoh is 10 s
 
 BLOCK = zenoh.CongestionControl.BLOCK
 """Congestion control of messages that must not be dropped."""
@@ -149,7 +146,7 @@ class ScenarioEnd(ABC):
 
     def ask(self, rest: str, **options: Any) -> list[dict[str, Any]]:
         """Send a query and return the visible parts of its replies."""
-        return show_replies(self.session.get(self.key(rest), **{"timeout": _ANSWER_S, **options}))
+        return show_replies(self.session.get(self.key(rest), **{"timeout": 5.0, **options}))  # generous
 
     def answer(
         self, rest: str, reply: Callable[[Any], None], session: Session = None, *, complete: bool = False
@@ -234,7 +231,7 @@ class ScenarioEnd(ABC):
                 told = True
             return told and bool(self._signals["met"])
 
-        self.until(met, "the other end", interval=_PROBE_INTERVAL_S)
+        self.until(met, "the other end", interval=0.002)  # each look publishes a message per session
         self.wait("met")
         release(*probes)
 

@@ -28,7 +28,6 @@ intercepted, and over the junction from then on.
 """
 
 _OWN_ROUTER: frozenset[Need] = frozenset({"router", "tls", "mtls", "password", "shm"})
-_TIMEOUT_S = 40.0  # waits for messages take at most 10 s each; ends that need more hang
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,8 @@ def run_scenario(
             return WayOutcome(way, skipped=error.message)
         try:
             with _network(scenario, way, endpoints, settings) as network:
-                seen = conduct(scenario, network, config=settings.end, timeout=_TIMEOUT_S)
+                # Waits for messages take at most 10 s each: ends that need more than the timeout hang.
+                seen = conduct(scenario, network, config=settings.end, timeout=40.0)
                 losses = tuple(network.report())
         except (EndFailedError, RiotError) as error:
             return WayOutcome(way, error=str(error))

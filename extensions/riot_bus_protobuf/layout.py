@@ -21,7 +21,6 @@ _TYPES = (
     "bytes", "uint32", "enum", "sfixed32", "sfixed64", "sint32", "sint64",
 )  # fmt: skip
 _DEFAULTS: dict[str, Scalar] = {"bool": False, "string": "", "bytes": b"", "float32": 0.0, "float64": 0.0}
-_REPEATED = 3  # the number of LABEL_REPEATED in descriptor.proto
 _DEVIATES = 2  # IMPLICIT, EXPANDED and DELIMITED: the value of each feature that is not its default
 _UNITS = {
     f"google.protobuf.{name}.{member}": unit
@@ -194,7 +193,7 @@ class Definitions:
         kind = KINDS.get(type_name)
         if kind is None and target not in self._sources:
             return None
-        repeated = one.label == _REPEATED
+        repeated = one.label == 3  # LABEL_REPEATED of descriptor.proto
         names = self._enums.get(target, ()) if type_name == "enum" else ()
         return ProtobufField(
             one.name,

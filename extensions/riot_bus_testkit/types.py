@@ -33,7 +33,6 @@ from riot_bus.vocabulary.message import Scalar
 _ELEMENTS = 50  # short arrays are listed whole, and long ones do not slow down each of many examples
 _INTEGERS = {f"{sign}int{bits}": (bits, not sign) for sign in ("", "u") for bits in (8, 16, 32, 64)}
 _PYTHON = {"bool": bool, "string": str, "bytes": bytes, "float32": float, "float64": float}
-_WIDEST = 64  # the longest number is in JSON, 24 bytes; types with checksums set more
 SETTINGS = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.differing_executors, HealthCheck.too_slow, HealthCheck.filter_too_much],
@@ -136,10 +135,10 @@ class TypeConformance(HostileConformance):
     """Tests of a type whose payloads can be decoded into fields.
 
     Attributes:
-        widest: Largest size of a number in bytes.
+        widest: Largest size of a number in bytes: the longest is in JSON, 24; types with checksums set more.
     """
 
-    widest: ClassVar[int] = _WIDEST
+    widest: ClassVar[int] = 64
 
     def test_samples_have_fields(self) -> None:
         """No sample is opaque, and at least one has fields."""

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _MOST_ROWS = 1000  # of tables that rich lays out: it takes 0.25 s for so many, and 15 s for a log's 60,000 topics
-_COLUMNS = 200  # if stdout is not a terminal: readers of a file want whole names
 
 
 def print_result(form: StrEnum, document: Any, lines: Iterable[str]) -> None:
@@ -81,7 +80,7 @@ def print_table(table: Table, rows: Iterable[Sequence[str]], *, more: int = 0) -
 
 
 def table_console() -> Console:
-    """Return a console that prints tables to stdout."""
+    """Return a console that prints tables to stdout; readers of a file want whole names."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else _COLUMNS, highlight=False, emoji=False)
+    return Console(width=None if sys.stdout.isatty() else 200, highlight=False, emoji=False)

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.client import Client
 
-_TIMEOUT_S = 30.0  # a guess: a router on a loaded machine answers in tenths of a second
 _TRIES = 8
 """How often to ask: a question that ends at once without an answer was not carried out, since its queue was full or it
 is not allowed. In a flood of twice what a loaded machine can answer, every second question is lost."""
@@ -92,7 +91,7 @@ class Remote:
         return sorted(names)
 
     def ask(
-        self, command: str, payload: bytes | None = None, *, parameters: str = "", timeout: float = _TIMEOUT_S
+        self, command: str, payload: bytes | None = None, *, parameters: str = "", timeout: float = 30.0
     ) -> dict[str, Any]:
         """Return what the router answers.
 
@@ -100,7 +99,7 @@ class Remote:
             command: Name of the command, such as `status` or `plan/load`.
             payload: Payload of the command.
             parameters: `name=value` pairs, joined by `;`.
-            timeout: Maximum time in seconds.
+            timeout: Maximum time in seconds; a router on a loaded machine answers in tenths of a second.
 
         Raises:
             EnvironmentFaultError: No router answers.

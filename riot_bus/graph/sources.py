@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 
-_ANSWER_S = 1.0  # one hung session must not block a look; other answers are faster, not measured
-
 
 @dataclass(frozen=True, slots=True)
 class AdminView:
@@ -78,9 +76,8 @@ class AdminView:
 def admin_views(session: zenoh.Session) -> dict[str, AdminView]:
     """Return the views of all sessions that a segment's own session reaches and whose admin space is enabled, by id."""
     zenoh = library_of(session)
-    replies = session.get(
-        "@/*/*", timeout=_ANSWER_S, target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE
-    )
+    every, now = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+    replies = session.get("@/*/*", timeout=1.0, target=every, consolidation=now)  # a hung session must not block a look
     views = {}
     for reply in replies:
         view = AdminView.parse(str(reply.ok.key_expr), reply.ok.payload.to_bytes()) if reply.ok is not None else None

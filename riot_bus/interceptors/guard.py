@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.order import Order
 
 _LOG = logging.getLogger(__name__)
-_MOST_BYTES = 1 << 24
-"""Largest size of a rule.json, which has a few hundred samples."""
 _WILD = re.compile(r"[*$?#]")
 _NUMBERED = re.compile(r"(.+)\[(\d{1,6})\]:[^:]*", re.DOTALL)
 _BEYOND: Mapping[str, Callable[[Any, Any], bool]] = {
@@ -280,7 +278,7 @@ def _selects(topic: str) -> bool:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        record = json.loads(given_bytes(path, most=_MOST_BYTES))
+        record = json.loads(given_bytes(path, most=1 << 24))  # it has a few hundred samples
     except OSError as error:
         raise ConfigError(f"cannot read the rule: {error.strerror}", where=str(path)) from error
     except (ValueError, RecursionError) as error:

@@ -18,7 +18,6 @@ from riot_bus.vocabulary.counting import counted
 
 _MOST = 10
 """Number of annotations of a kind that GitHub shows for one step."""
-_LONGEST_TITLE, _LONGEST = 200, 2000  # GitHub takes 255 characters of a title, and 64 KB of a message
 
 
 class GithubReport:
@@ -47,7 +46,7 @@ def _commands(view: CampaignView) -> Iterator[str]:
         about = {
             "file": place.path,
             "line": str(place.line),
-            "title": clean(title_of(one.finding), limit=_LONGEST_TITLE),
+            "title": clean(title_of(one.finding), limit=200),  # GitHub takes 255 characters
         }
         yield _command(level_of(one.finding), about, _message(one, told=view.told(one) if view.entry(one) else ""))
     told = "\n".join([view.verdict, *view.remarks])
@@ -70,7 +69,7 @@ def _message(one: FindingView, *, told: str) -> str:
 
 def _command(name: str, about: dict[str, str], message: str) -> str:
     properties = ",".join(f"{key}={_escaped(clean(text, limit=1000), more=':,')}" for key, text in about.items())
-    return f"::{name} {properties}::{_escaped(clean(message, limit=_LONGEST, lines=True))}"
+    return f"::{name} {properties}::{_escaped(clean(message, limit=2000, lines=True))}"  # it takes 64 KB
 
 
 def _escaped(text: str, *, more: str = "") -> str:

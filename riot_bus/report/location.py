@@ -22,7 +22,6 @@ from riot_bus.vocabulary.errors import ConfigError
 
 _KINDS = ("stdout", "stderr", "stacks")
 _LARGEST = 32 << 20  # twice what is kept of an output: bytes that are no text become three
-_LONGEST_PATH = 1000  # with the usual 200, `clean` would cut paths so that no file is found
 _FILE = r"(?P<file>[^\s:(),]+\.\w+):(?P<line>\d{1,9})(?::\d+)?"
 _NATIVE = (
     re.compile(rf"[ \t]*#\d+ .* {_FILE}$"),  # a frame of a sanitizer or a debugger
@@ -109,7 +108,7 @@ def _root_of(system: Path) -> Path:
 
 
 def _place(path: Path, root: Path, line: int) -> SourcePlace:
-    return SourcePlace(clean(path.relative_to(root).as_posix(), limit=_LONGEST_PATH), line)
+    return SourcePlace(clean(path.relative_to(root).as_posix(), limit=1000), line)  # a cut path leads to no file
 
 
 def _is_own(file: str, path: Path, root: Path) -> bool:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 _TEMPLATES = Path(__file__).parent / "templates"
-_LONGEST = 20_000  # letters: more than a page's longest excerpt of a file (6000 bytes of evidence)
 
 
 def rendered(template: str, **context: Any) -> str:
@@ -58,11 +57,11 @@ def page_environment() -> Environment:
 
 
 def _finalize(what: Any) -> Any:
-    """Escape and bound each printed text, whichever record it comes from."""
+    """Escape and bound each printed text, whichever record it comes from; excerpts of files have up to 6000 bytes."""
     from markupsafe import Markup
 
     untrusted = isinstance(what, str) and not isinstance(what, Markup)
-    return words.clean(what, limit=_LONGEST, lines=True) if untrusted else what
+    return words.clean(what, limit=20_000, lines=True) if untrusted else what
 
 
 def _link(name: str) -> str | None:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-_MOST_BYTES = 256 << 20
 _OVERHEAD = 500
 """Approximate memory of a message besides its payload, in bytes."""
 
@@ -77,7 +76,7 @@ class Capture:
         most_bytes: Approximate memory for messages; beyond it, the oldest messages of the largest key are forgotten.
     """
 
-    def __init__(self, registry: TypeRegistry, log: LogWriter | None = None, *, most_bytes: int = _MOST_BYTES) -> None:
+    def __init__(self, registry: TypeRegistry, log: LogWriter | None = None, *, most_bytes: int = 256 << 20) -> None:
         self._registry = registry
         self._log = log
         self._kept: defaultdict[str, deque[tuple[Role, Captured]]] = defaultdict(deque)

@@ -20,7 +20,6 @@ _PRIORITIES = ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", 
 _DEFAULT_ENCODING = "zenoh/bytes"
 _CACHED_PUBLISHERS = 4096  # each is declared at Zenoh, too; components may invent keys without end
 _CACHED_KEYS = 1 << 16  # components may invent keys: about 10 MB of short ones, then it starts anew
-_SHARED_BYTES = 1 << 26  # of which only what is in use takes memory
 
 FEW = 2
 """Number of messages of a key that are published without declaring a publisher."""
@@ -206,7 +205,7 @@ class Outlets:
             return payload
         try:
             if self._memory is None:
-                self._memory = self._library.shm.ShmProvider.default_backend(_SHARED_BYTES)
+                self._memory = self._library.shm.ShmProvider.default_backend(1 << 26)  # only what is used takes memory
             buffer = self._memory.alloc(len(payload), self._library.shm.GarbageCollect())
         except self._library.ZError:
             return payload

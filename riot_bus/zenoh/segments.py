@@ -14,7 +14,6 @@ from riot_bus.zenoh.session_config import WAIT_BEFORE_CLOSE_S, router_config
 EPHEMERAL = "tcp/127.0.0.1:0"
 """Endpoint for a free port of this machine; the actual port is in `Segment.endpoints`."""
 
-_FLUSH_S = 1.0  # neighbours are routers of this process; one that hangs must not stop a change for ever
 _RETRY = {"period_init_ms": 20, "period_max_ms": 20, "period_increase_factor": 1}  # of the same process: soon there
 
 
@@ -74,7 +73,7 @@ class Segment:
     def flush(self, zids: Iterable[str]) -> None:
         """Wait, for a limited time, until neighbours have processed the declarations of this segment."""
         for zid in zids:
-            for _ in self.session.get(f"@/{zid}/router", timeout=_FLUSH_S):
+            for _ in self.session.get(f"@/{zid}/router", timeout=1.0):  # one that hangs must not stop a change
                 pass
 
     def close(self) -> None:

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     import socket
     from collections.abc import Iterator, Set
 
-_SEND_BUFFER = 1 << 20  # Linux doubles it, and takes no more than net.core.wmem_max
-
 
 def hang_up(accepted: Set[str] = frozenset(), connected: Set[str] = frozenset()) -> None:
     """Shut down ends of connections in this process for receiving, except for data in transit.
@@ -33,7 +31,7 @@ def widen(paths: Set[str]) -> None:
     import socket
 
     for end in _ends(paths):
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)  # at most net.core.wmem_max
 
 
 def _ends(paths: Set[str]) -> Iterator[socket.socket]:

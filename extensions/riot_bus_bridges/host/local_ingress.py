@@ -105,7 +105,6 @@ class Audience:
 
 
 _LOG = logging.getLogger(__name__)
-_ROOM = 4096  # messages in the queue; beyond it, senders wait: more add delay, and their bytes have no limit
 
 
 class IngressKey(RouteCounts):
@@ -174,7 +173,7 @@ class LocalIngress:
         self._advanced = advanced
         self.generation = 0
         self.queued = 0
-        self._room = threading.Semaphore(_ROOM)
+        self._room = threading.Semaphore(4096)  # beyond it, senders wait: more add delay, and their bytes have no limit
         self._deliveries = deliveries
         self._keys: dict[int, IngressKey] = {}
         self._counts = ForwarderCounts(deliveries.executor.rewrote)

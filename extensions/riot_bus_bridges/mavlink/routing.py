@@ -17,8 +17,6 @@ from riot_bus_mavlink.frame import HEADER_SIZE, Frame
 Addressed = tuple[int, int]
 """Target system and target component; 0 stands for all, and for messages without a target."""
 
-_MOST_FRAMES = 1 << 16  # attackers may send any number: bounds memory at 18 MB of frames (280 bytes each)
-
 
 def addressed(frame: Frame, offsets: tuple[int | None, int | None]) -> Addressed:
     """Return the target of a frame.
@@ -108,7 +106,7 @@ class Duplicates:
     recur after 256 frames of its source at the earliest, unless the source keeps sending one and the same frame.
     """
 
-    def __init__(self, period: float, *, most: int = _MOST_FRAMES) -> None:
+    def __init__(self, period: float, *, most: int = 1 << 16) -> None:  # 18 MB of frames
         self._period, self._most = period, most
         self._last: OrderedDict[bytes, float] = OrderedDict()
 

@@ -130,7 +130,6 @@ class ReadySegments:
     carried: Mapping[str, int]
 
 
-_END_S = 15.0  # a bridge waits up to 5 s for its last messages, and 10 s for its node
 LOOK_S = 0.05  # a look reads all that the bridge has printed; a start takes far longer
 
 
@@ -154,7 +153,7 @@ def bridged_domains(
     finally:
         for bridge in bridges:
             launcher.interrupt(bridge, signal.SIGINT)
-        launcher.wait(bridges, timeout=_END_S)
+        launcher.wait(bridges, timeout=15.0)  # 5 s for its last messages, and 10 s for its node
         for bridge in bridges:
             topics = _event(bridge, "ended").get("topics", {})
             carried.update({topic: ways["to_domain"] for topic, ways in topics.items()})

@@ -24,7 +24,6 @@ from riot_bus_fleet.scan import filled
 _MEMORY = 1 << 29
 """Bytes that the numbers may take: of larger logs, only stretches are read."""
 
-_CHUNKS = 1 << 27
 _STRETCHES = 10
 _ELEMENTS = 4
 """Number of elements of each array that are fields of their own, as in `chain.base.logs`."""
@@ -85,7 +84,7 @@ def read_pieces(
             for start, end in _stretches(span, share):
                 parts: Iterable[Columns] = ()
                 if names:
-                    parts = column_parts(reader, names, start=start, end=end, memory=_CHUNKS, registry=registry)
+                    parts = column_parts(reader, names, start=start, end=end, memory=1 << 27, registry=registry)
                 piece = _collect(parts, fields, log=number)
                 found.looked_at += sum(map(len, piece.times.values()))
                 found.pieces.append(piece)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from riot_bus_fleet.logs.near_misses import FleetScan
     from riot_bus_fleet.logs.query import Query
 
-_APPLICATION = 0x52494F54  # "RIOT"
+_APPLICATION = int.from_bytes(b"RIOT")
 _VERSION = 3  # of the tables
 _BUSY_S = 30.0  # a guess: another process commits log by log, so it blocks for milliseconds
 _LONGEST = 4096  # letters of a text from a log, as PATH_MAX: bounds what a hostile log stores

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from riot_bus_fleet.logs.entry import LogEntry
     from riot_bus_fleet.logs.index import IndexReport
 
-_LONGEST = 60  # topic, count and type of a line take at most 135 columns then
-
 
 def index_line(report: IndexReport) -> str:
     """Return the result of indexing as one line."""
@@ -93,7 +91,7 @@ def _lossy(entry: LogEntry) -> bool:
     return bool(entry.problem or entry.lost)
 
 
-def _short(text: str, longest: int = _LONGEST) -> str:
+def _short(text: str, longest: int = 60) -> str:  # topic, count and type then take at most 135 columns
     text = escape_control_chars(text)
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Outlets
 
-_DEEP = 1 << 20  # while it is not known how much the publisher keeps
 _MOST_SKIPPED = 256  # puts of 1.2 us (measured) on the worker's thread: 0.3 ms; a forged heartbeat may claim 2**32
 
 
@@ -39,7 +38,7 @@ class ProxyPublisher:
         self._cache: Any = ext.declare_advanced_publisher(
             self._session,
             self._key,
-            cache=None if depth == 0 else ext.CacheConfig(depth or _DEEP),
+            cache=None if depth == 0 else ext.CacheConfig(depth or 1 << 20),
             sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
             allowed_destination=self._library.Locality.SESSION_LOCAL,
         )
