@@ -9,14 +9,13 @@ from itertools import islice
 
 from riot_bus.types.capabilities import MOST_PARTS, MessagePart
 from riot_bus.types.fields import MOST_FIELDS, FieldType
-from riot_bus.types.model import member_path
+from riot_bus.types.model import MAX_DEPTH, member_path
 from riot_bus_ros2.cdr_layout import PRIMITIVES, Array, Node, Opaque, Struct, Text
 from riot_bus_ros2.common_fields import UNITS
 from riot_bus_ros2.definitions import Field
 from riot_bus_ros2.hashes import PLACEHOLDER
 
 _MOST_NAMED = 1000  # fields and constants of a message whose values get names: each field is compared with all of these
-_DEEPEST = 64  # types of Jazzy are nested up to 6 deep; ends those that contain themselves
 Constants = Callable[[str], "Sequence[tuple[str, str, object]]"]
 """Function that returns the constants of a type by its name: the name, type and value of each."""
 
@@ -87,7 +86,7 @@ def list_parts(name: str, fields_of: Callable[[str], Iterable[Field]]) -> list[M
     inside = cache(lambda name: [field for field in fields_of(name) if field.is_message])
     found = [MessagePart("", name)]
     for part in found:  # grows during the loop
-        if part.path.count(".") >= _DEEPEST:
+        if part.path.count(".") >= MAX_DEPTH:  # it contains itself
             break
         for field in inside(part.type_name)[: MOST_PARTS - len(found)]:
             path = member_path(part.path, field.name)

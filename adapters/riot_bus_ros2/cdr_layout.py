@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from riot_bus.types.model import wrap_integer
+from riot_bus.types.model import MAX_DEPTH, wrap_integer
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.hashes import PLACEHOLDER
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from riot_bus_ros2.store import TypeStore
 
 ORIGIN = 4
-_MAX_DEPTH = 64
 OUTSIDE = (struct.error, IndexError, OverflowError)
 """Raised by reading at a place beyond the payload."""
 PRIMITIVES = {
@@ -291,8 +290,8 @@ def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: d
     """
     if name in done:
         return done[name]
-    if name in outer or len(outer) > _MAX_DEPTH:
-        return Opaque(f"type {name} contains itself or is nested deeper than {_MAX_DEPTH}")
+    if name in outer or len(outer) > MAX_DEPTH:
+        return Opaque(f"type {name} contains itself or is nested deeper than {MAX_DEPTH}")
     try:
         fields = store.fields(name)
     except KeyError:

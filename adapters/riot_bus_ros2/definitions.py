@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 KINDS = ("msg", "srv", "action")
 _BASE, _NAME, _ARRAY, _SEQUENCE = range(1, 5)  # rosbags' Nodetype
-_MOST_TEXT = 1 << 20  # bounds the parser's time for any text of a node; Jazzy's longest have 4 kB
+MOST_TEXT = 1 << 20  # bounds the parser's time for any text of a node or file; Jazzy's longest have 4 kB
 _DIVIDER = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _SECTION = re.compile(r"^=+\n(?:MSG|IDL): *(\S+)[ \t]*\n", re.MULTILINE)
 _EVENT = re.compile(r"(\w+/srv/\w+)_Event")
@@ -176,8 +176,8 @@ def parse_idl(text: str) -> dict[str, Definition]:
 def _parsed(parse: Callable[[str], Any], text: str) -> dict[str, Definition]:
     from rosbags.typesys import TypesysError
 
-    if len(text) > _MOST_TEXT:
-        raise DefinitionError(f"text of {len(text)} characters is over the limit of {_MOST_TEXT}")
+    if len(text) > MOST_TEXT:
+        raise DefinitionError(f"text of {len(text)} characters is over the limit of {MOST_TEXT}")
     try:
         parsed: Mapping[str, Definition] = parse(text)
     except (TypesysError, RecursionError, ValueError, LookupError, TypeError, ArithmeticError, AttributeError) as error:

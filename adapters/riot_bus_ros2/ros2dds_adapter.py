@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import ClassVar
 
-from riot_bus.types.capabilities import Announcement, Identity, Offer, RecordedTopic, SimClock, Stamp
+from riot_bus.types.capabilities import MOST_TOKENS, Announcement, Identity, Offer, RecordedTopic, SimClock, Stamp
 from riot_bus.types.model import MessageType, Schema, TopicName
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2 import ros2dds
@@ -17,8 +17,6 @@ from riot_bus_ros2.offering import CLOCK_TOPIC, CLOCK_TYPE, clock_payload, full_
 from riot_bus_ros2.qos import Reliability, RosQos, parse_offered
 from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken, request_attachment
 from riot_bus_ros2.tokens import profiles_of
-
-_MOST_TYPES = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens, so this bounds memory
 
 
 class Ros2DdsAdapter(Ros2Adapter):
@@ -69,7 +67,7 @@ class Ros2DdsAdapter(Ros2Adapter):
     def announcement(self, token: str) -> Announcement | None:
         """Return what a token announces, and remember its type."""
         found = announcement_of(token, namespace=self._namespace)
-        if found is not None and found.type_name and len(self._announced) < _MOST_TYPES:
+        if found is not None and found.type_name and len(self._announced) < MOST_TOKENS:
             self._announced[found.key] = found.type_name, self._hash_of(token, found)
             if found.action == found.topic:
                 for name, type_name in action_parts(found.action, found.type_name).items():

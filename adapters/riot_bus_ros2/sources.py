@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from riot_bus.given_files import given_text
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2.common_services import ACTIONS, SERVICES
-from riot_bus_ros2.definitions import KINDS, DefinitionError, interface_of, parse_file
+from riot_bus_ros2.definitions import KINDS, MOST_TEXT, DefinitionError, interface_of, parse_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,7 +26,6 @@ HUMBLE = "ros2_humble"
 """The last distribution without hashes in keys."""
 DISTROS = ("ros2_kilted", "ros2_lyrical")
 OLDER = ("ros2_jazzy", "ros2_iron", HUMBLE)
-_MOST_BYTES = 1 << 20  # as `_MOST_TEXT` of definitions.py: bounds the parser's time for any file
 _stores: dict[str, Typestore] = {}
 
 
@@ -37,7 +36,7 @@ def read_interface(file: Path, name: str) -> dict[str, Definition]:
         ConfigError: It is too large, or no regular file.
         DefinitionError: The text does not parse.
     """
-    return parse_file(given_text(file, most=_MOST_BYTES), name, file.suffix)
+    return parse_file(given_text(file, most=MOST_TEXT), name, file.suffix)
 
 
 def from_ament(name: str) -> Definition | None:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from riot_bus_conformance.end import EndName
     from riot_bus_conformance.security import Settings
 
-_TIMEOUT_S = 10.0  # the default of `Bus`; a quarter of the time that a scenario has
 _UNUSED = "riot/unused"
 _ENDS: tuple[EndName, EndName] = ("left", "right")
 
@@ -93,7 +92,7 @@ class BusNetwork(_OwnNetwork):
 
     def __enter__(self) -> Self:
         first = [_UNUSED] if self._changed else self._intercept
-        self._opened = bus = Bus(self._listen, intercept=first, config=self._settings.router, timeout=_TIMEOUT_S)
+        self._opened = bus = Bus(self._listen, intercept=first, config=self._settings.router)
         bus.open()
         if self._changed:
             bus.set_intercept(self._intercept)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from riot_bus.types.model import (
+    MAX_DEPTH,
     REBUILD,
     Leaf,
     Schema,
@@ -53,8 +54,6 @@ if TYPE_CHECKING:
     from riot_bus.types.payloads import Payloads
     from riot_bus.vocabulary.message import Scalar
     from riot_bus_protobuf.layout import Definitions, Layout, ProtobufField
-
-_MAX_DEPTH = 64  # two calls for each level at most: far below Python's limit of 1000
 
 
 class _Spot(NamedTuple):
@@ -172,8 +171,8 @@ class ProtobufType:
         depth: int,
         leaves: list[Leaf],
     ) -> None:
-        if depth > _MAX_DEPTH:
-            raise PayloadError(f"{self.name} is nested deeper than {_MAX_DEPTH}")
+        if depth > MAX_DEPTH:
+            raise PayloadError(f"{self.name} is nested deeper than {MAX_DEPTH}")
         check_leaves(len(leaves), most)  # an element of two bytes may have thousands that are not on the wire
         present = fields_of(payload, layout, parts)
         for field in layout.fields.values():

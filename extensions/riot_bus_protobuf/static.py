@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.types.fields import MOST_FIELDS, FieldType
-from riot_bus.types.model import member_path
+from riot_bus.types.model import MAX_DEPTH, member_path
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from riot_bus_protobuf.layout import Definitions, Layout, ProtobufField
 
 _MOST_MESSAGES = 100_000  # messages without scalars may nest exponentially, and never reach `MOST_FIELDS`
-_MAX_DEPTH = 64  # two calls for each level: far below Python's limit of 1000
 
 
 def static_fields(definitions: Definitions, layout: Layout) -> Sequence[FieldType]:
@@ -35,7 +34,7 @@ class _Listing:
     def add(self, layout: Layout, path: str, outer: tuple[str, ...]) -> None:
         self._messages += 1
         enough = self._messages > _MOST_MESSAGES or len(self.found) >= MOST_FIELDS
-        if enough or layout.name in outer or len(outer) > _MAX_DEPTH:
+        if enough or layout.name in outer or len(outer) > MAX_DEPTH:
             return
         for field in layout.fields.values():
             here = member_path(path, field.name)

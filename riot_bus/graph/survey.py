@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.graph.processes import connections, endpoint_of
 from riot_bus.graph.sources import admin_views
 from riot_bus.graph.tokens import expressions, parse_token
+from riot_bus.types.capabilities import MOST_TOKENS
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import release
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 
-_MOST_TOKENS = 50_000  # anyone may declare tokens: at 300 bytes each, both sets take 30 MB
 
 Link = tuple[tuple[str, int], tuple[str, int]]
 
@@ -72,9 +72,9 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
             if sample.kind == zenoh.SampleKind.DELETE:
                 tokens.discard(key)
                 skipped.discard(key)
-            elif len(tokens) < _MOST_TOKENS:
+            elif len(tokens) < MOST_TOKENS:
                 tokens.add(key)
-            elif len(skipped) < _MOST_TOKENS:
+            elif len(skipped) < MOST_TOKENS:
                 skipped.add(key)
 
     with open_client(endpoint, config=config) as client:

@@ -14,7 +14,6 @@ MOST_MODES = 6
 """Largest number of values of a mode; a field with more is more likely a count or a measurement."""
 _LONG = 64
 """A text of this many characters or more is not a mode."""
-_MOST_KNOWN = 1 << 12  # payloads, as in monitors.mined: beyond it, the cache starts anew; not tuned
 
 
 def modes_of(message: Message, registry: TypeRegistry) -> Sequence[tuple[str, Scalar]]:
@@ -37,4 +36,4 @@ def _modes_in(kind: MessageType | None, payload: bytes) -> Sequence[tuple[str, S
     )
 
 
-_modes = ByPayload(_modes_in, most=_MOST_KNOWN)
+_modes = ByPayload(_modes_in)

@@ -16,6 +16,7 @@ from riot_bus.pipeline.conditions import always
 from riot_bus.pipeline.event import Arrival, Change, Event, check
 from riot_bus.pipeline.stage import InterceptorErrors, Stage, stages_of
 from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.message import CACHED_KEYS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Sequence
@@ -29,8 +30,6 @@ OTHER_TOPICS = "(other topics)"
 
 MOST_TOPICS = 1 << 16
 """Number of topics that are counted separately, so that invented keys cannot exhaust the memory."""
-
-_CACHED_KEYS = 1 << 14  # anybody may invent keys: bounds the memory; a full cache is emptied
 
 
 class BoundedCounts(Counter[str]):
@@ -417,7 +416,7 @@ class Pipeline:
             stages = tuple((stage, decide) for stage, decide in deciders if decide is not None)
             kind = self._registry.type_of(key) if stages else None
             route = Route(topic, self._count(topic), stages, kind, self._before.get(topic, 0))
-            if len(self._routes) >= _CACHED_KEYS:
+            if len(self._routes) >= CACHED_KEYS:
                 self._routes.clear()
             self._routes[key] = route
         return route

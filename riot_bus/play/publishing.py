@@ -10,6 +10,7 @@ from riot_bus.types.capabilities import Identity, Offer
 from riot_bus.vocabulary.message import Qos
 from riot_bus.zenoh.convert import publisher_settings
 from riot_bus.zenoh.session import release
+from riot_bus.zenoh.session_config import HEARTBEAT_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
 
-_HEARTBEAT_S = 0.5  # the period of rmw_zenoh's latched and reliable publishers
 _USUAL = Qos()
 _MOST_KEYS = 4096  # that interceptors may invent
 
@@ -157,7 +157,7 @@ class _Outlet:
     def _declare_latched(self) -> Any:
         from riot_bus.zenoh.api import ext
 
-        beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
+        beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S)
         return ext.declare_advanced_publisher(
             self._session,
             self._offer.key,

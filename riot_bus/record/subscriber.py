@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.log.engine.blocks import TIMES
 from riot_bus.pipeline.runner import MOST_TOPICS, BoundedCounts
 from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.batches import LARGEST_BATCH
 from riot_bus.zenoh.convert import Converter, is_delete
 from riot_bus.zenoh.key_table import KeyTable, KnownKey
 
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.batches import Batches
 
 _LOG = logging.getLogger(__name__)
-_SLICE = 512  # as in `Batches`, so that not all payloads are copied at once
 _MOST_FETCHED = 10_000  # timestamps of a key, 1 to 2 MB: a cache may send any number
 _TAKE = attrgetter(
     "key_expr",
@@ -135,8 +135,8 @@ class RecordingSubscriber:
                 if str(stamp) not in rules.fetched and len(rules.fetched) < _MOST_FETCHED:
                     rules.fetched.add(str(stamp))
                     new.append(sample)
-            for start in range(0, len(new), _SLICE):
-                self._slice(new[start : start + _SLICE], fetched=True)
+            for start in range(0, len(new), LARGEST_BATCH):  # not all payloads are copied at once
+                self._slice(new[start : start + LARGEST_BATCH], fetched=True)
 
     def _run(self) -> None:
         while samples := self._batches.receive():

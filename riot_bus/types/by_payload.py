@@ -17,7 +17,7 @@ _T = TypeVar("_T")
 class ByPayload(Generic[_T]):
     """Caches results by payload, since different trials have nearly the same messages."""
 
-    def __init__(self, make: Callable[[MessageType | None, bytes], _T], *, most: int) -> None:
+    def __init__(self, make: Callable[[MessageType | None, bytes], _T], *, most: int = 1 << 12) -> None:
         self._make, self._most = make, most
         self._known: dict[tuple[int, bytes], tuple[MessageType | None, _T]] = {}
 

@@ -79,6 +79,9 @@ class DiscoversTypes(Protocol):
 
 # -- what an adapter can do: participants of the bus ------------------------------------------------------------------
 
+MOST_TOKENS = 50_000
+"""Most liveliness tokens that are kept of a network: anyone may declare them, and each takes 300 bytes."""
+
 Role = Literal["publishes", "subscribes", "serves", "calls"]
 
 

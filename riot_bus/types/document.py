@@ -13,6 +13,7 @@ from typing import ClassVar, NamedTuple
 
 from riot_bus.types.capabilities import StandIn
 from riot_bus.types.model import (
+    MAX_DEPTH,
     REBUILD,
     ROOT,
     Leaf,
@@ -31,7 +32,6 @@ from riot_bus.types.model import (
 from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 from riot_bus.vocabulary.message import Scalar
 
-_MAX_DEPTH = 64  # one call for each level: far below Python's limit of 1000; as for JSON
 _MOST_TAGS = 16  # a value has one or two; hostile payloads may repeat them up to their end
 
 _BREAK = b"\xff"
@@ -231,8 +231,8 @@ class DocumentType:
                     at = at + number + (kind == "ext") if number != INDEFINITE else self._parts(payload, at, kind)[1]
             if not outer:
                 break
-            if len(outer) > 2 * _MAX_DEPTH:
-                raise PayloadError(f"{self.title} is nested deeper than {_MAX_DEPTH}")
+            if len(outer) > 2 * MAX_DEPTH:
+                raise PayloadError(f"{self.title} is nested deeper than {MAX_DEPTH}")
             left = outer.pop()
             if left in (_ELEMENT, _KEY) and payload[at : at + 1] == _BREAK:
                 at, left = at + 1, 0
@@ -349,8 +349,8 @@ class DocumentType:
         return b"".join(parts), at + 1
 
     def _collect(self, payload: bytes, item: Item, path: str, elements: int, depth: int, found: list[Leaf]) -> None:
-        if depth > _MAX_DEPTH:
-            raise PayloadError(f"{self.title} is nested deeper than {_MAX_DEPTH}")
+        if depth > MAX_DEPTH:
+            raise PayloadError(f"{self.title} is nested deeper than {MAX_DEPTH}")
         check_leaves(len(found), elements)
         if item.kind == "map":
             for key, at in dict(self._members(payload, item)).items():

@@ -14,6 +14,7 @@ from typing import Any
 
 from riot_bus.types.capabilities import StandIn
 from riot_bus.types.model import (
+    MAX_DEPTH,
     REBUILD,
     ROOT,
     FieldPath,
@@ -32,7 +33,6 @@ from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 from riot_bus.vocabulary.message import Scalar
 
 _MAX_BYTES = 1 << 24  # parsed, small arrays and objects take some 30 times their size: about 500 MB
-_MAX_DEPTH = 64  # one call for each level: far below Python's limit of 1000
 _INT64 = range(-(1 << 63), 1 << 63)  # larger integers are read as floats, as `Leaf` knows no wider type
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"|[{}\[\],:]|[^\s{}\[\],:"]+')
 
@@ -172,8 +172,8 @@ def _collect(value: Any, path: str, elements: int, depth: int, found: list[Leaf]
             kind, value = float, saturated(value)
         found.append(Leaf(path, _KINDS[kind], value))
         return
-    if depth > _MAX_DEPTH:
-        raise PayloadError(f"JSON is nested deeper than {_MAX_DEPTH}")
+    if depth > MAX_DEPTH:
+        raise PayloadError(f"JSON is nested deeper than {MAX_DEPTH}")
     check_leaves(len(found), elements)
     if isinstance(value, dict):
         for key, item in value.items():

@@ -22,6 +22,9 @@ MOST_LEAVES = 1 << 17
 """Most fields that are listed of a payload, unless more elements are wanted of each array: `riot show` takes 2.5 s for
 so many. With 16 elements of each array, messages of 161 of the 163 types of Kilted are within it at any length."""
 
+MAX_DEPTH = 64
+"""Deepest nesting of values and types: at one or two calls for each level far below Python's limit of 1000."""
+
 REBUILD = "`patch` cannot change the size of the payload: use `rebuild`"
 """Hint of errors for changes that `MessageType.patch` rejects but `MessageType.rebuild` supports."""
 

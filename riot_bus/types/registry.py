@@ -28,15 +28,14 @@ from riot_bus.types.model import Adapter, MessageType, Schema, TopicName, TypeSo
 from riot_bus.types.msgpack_type import MsgpackType
 from riot_bus.types.serve import part_of
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, did_you_mean
-from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.message import CACHED_KEYS, Message
 from riot_bus.vocabulary.selector import key_matches
 
 KeyT = TypeVar("KeyT")
 ValueT = TypeVar("ValueT")
 
 _VARIABLE = "RIOT_ADAPTERS"
-_CACHED_KEYS = 1 << 14  # peers may invent keys: a full cache is emptied, which costs only time
-_LONGEST_ENCODING = 1 << 8  # with `_CACHED_KEYS`, bounds the cached texts at 4 MiB
+_LONGEST_ENCODING = 1 << 8  # with `CACHED_KEYS`, bounds the cached texts at 4 MiB
 
 _MSGPACK = MsgpackType()
 _UNTYPED = frozenset({"", "zenoh/bytes", "zenoh/string", "zenoh/serialized", "text/plain", "application/octet-stream"})
@@ -354,7 +353,7 @@ def _first(found: Iterable[ValueT | None]) -> ValueT | None:
 
 
 def _remember(cache: dict[KeyT, ValueT], key: KeyT, value: ValueT) -> None:
-    if len(cache) >= _CACHED_KEYS:
+    if len(cache) >= CACHED_KEYS:
         cache.clear()
     cache[key] = value
 

@@ -6,6 +6,9 @@ import hashlib
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+CACHED_KEYS = 1 << 14
+"""Most keys that are remembered: anybody may invent keys, and to empty a full cache costs only time."""
+
 Scalar = bool | int | float | str | bytes
 """Value of one scalar field."""
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import zenoh
 
 _CHANNEL = 256  # Zenoh's default; a sender blocks when it is full
-_MOST = _CHANNEL * 2  # what comes while one is emptied goes along; bounds a batch
+LARGEST_BATCH = _CHANNEL * 2  # what comes while one is emptied goes along; bounds a batch
 _MOST_BYTES = 1 << 24  # bounds the memory of a batch, by the size of the last payload before
 
 
@@ -31,7 +31,7 @@ class Batches:
         pin(session, expression)
         self._subscriber = session.declare_subscriber(expression, zenoh.handlers.FifoChannel(_CHANNEL))
         self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring
-        self._most = _MOST
+        self._most = LARGEST_BATCH
         self._closed = False
 
     def receive(self) -> list[Any]:
@@ -48,7 +48,7 @@ class Batches:
                     break
                 samples.append(sample)
         self._frequent.saw(samples[-1].key_expr)
-        self._most = min(_MOST, _MOST_BYTES // (len(samples[-1].payload) + 1))
+        self._most = min(LARGEST_BATCH, _MOST_BYTES // (len(samples[-1].payload) + 1))
         return samples
 
     def close(self) -> None:

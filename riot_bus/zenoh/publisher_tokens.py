@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.types.capabilities import MOST_TOKENS
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release, wait_until
 from riot_bus.zenoh.session_config import ANSWER_S
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
     import zenoh
 
     from riot_bus.types.registry import TypeRegistry
-
-_LOOK_S = 0.01  # a look goes over all keys whose types are sought; the start is later by one look
-_MOST_TOKENS = 50_000  # peers may announce any number: some 15 MB of usual tokens
 
 
 class Announcements:
@@ -57,7 +55,7 @@ class Announcements:
             for _ in liveliness.get(adapter.tokens, timeout=ANSWER_S) if wait else ():
                 pass
         if wait:
-            wait_until(self._learner.idle, ANSWER_S, interval=_LOOK_S)
+            wait_until(self._learner.idle, ANSWER_S, interval=0.01)  # a look goes over all keys whose types are sought
 
     def close(self) -> None:
         """End the subscriptions; safe to call twice."""
@@ -83,7 +81,7 @@ class Announcements:
         with self._lock:
             if gone:
                 self._tokens.discard(token)
-            elif len(self._tokens) < _MOST_TOKENS:
+            elif len(self._tokens) < MOST_TOKENS:
                 self._tokens.add(token)
         if found is not None and found.role == "publishes" and not gone:
             self._learner.look(found.key)

@@ -22,6 +22,9 @@ WAIT_BEFORE_CLOSE_S = 5.0
 ANSWER_S = 2.0
 """How long to wait for answers to a query: one that comes at all comes at once, and one that hangs delays others."""
 
+HEARTBEAT_S = 0.5
+"""Period in which publishers tell their last number, as rmw_zenoh's do (SAMPLE_MISS_DETECTION_HEARTBEAT_PERIOD)."""
+
 _CONTROL = b"riot ctl".hex()
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _FLOWS = ["ingress"]  # one direction is enough, and each costs time for all messages on all links

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.vocabulary.message import CACHED_KEYS
 from riot_bus.zenoh.attachment_probe import AttachmentProbe
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session_config import ANSWER_S
@@ -27,8 +28,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _FIRST_S = 0.05  # what a component announces comes in a burst
 _AGAIN_S = (1.0, 5.0, 20.0, 60.0)  # a starting component answers soon; after five questions in 86 s, it is mute
-_LOOK_S = 2.0  # how late a key that is used from now on is noticed; a look goes over all of `_MOST_KEYS`
-_MOST_KEYS = 1 << 14  # peers may announce any number of keys; as in `registry`, some MB
+_LOOK_S = 2.0  # how late a key that is used from now on is noticed; a look goes over all of `CACHED_KEYS`
 _MOST_PROBES = 64  # each is a subscription in all sessions, whose messages come here: bounds that load
 _MOST_QUESTIONS = 10_000  # in the life of a process: peers that invent types cannot make it ask for ever
 _MOST_REPLIES = 4  # a node sends one; others that answer under its key must not take for ever
@@ -90,7 +90,7 @@ class Learner:
     def look(self, key: str) -> None:
         """Schedule learning the type of a key if it is missing; to be called whenever the key is announced."""
         with self._lock:
-            if self._closed or key in self._settled or key in self._pursued or len(self._pursued) >= _MOST_KEYS:
+            if self._closed or key in self._settled or key in self._pursued or len(self._pursued) >= CACHED_KEYS:
                 return
             self._pursued[key] = _Pursuit(key, time.monotonic() + _FIRST_S)
             if self._thread is None:
@@ -167,7 +167,7 @@ class Learner:
 
     def _settle(self, pursuit: _Pursuit) -> None:
         pursuit.close()
-        if len(self._settled) >= _MOST_KEYS:
+        if len(self._settled) >= CACHED_KEYS:
             self._settled.clear()
         self._settled.add(pursuit.key)
         self._pursued.pop(pursuit.key)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.segment_port import Inlet, Outlet, SegmentPort, message_of, receiver, settings_of
 from riot_bus.zenoh.session import release
+from riot_bus.zenoh.session_config import HEARTBEAT_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _AT_ONCE = 64  # saves calls in a burst; the first ones of larger batches would wait
 _CHANNEL = 4096  # messages
-_HEARTBEAT_S = 0.5  # as in rmw_zenoh: SAMPLE_MISS_DETECTION_HEARTBEAT_PERIOD of rmw_publisher_data.cpp
 
 
 class Collector:
@@ -101,7 +101,7 @@ class OuterPort(SegmentPort):
         outlet = super().publisher(key, reliable=reliable, changed=changed, encoding=encoding)
         if latched is None:
             return outlet
-        beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
+        beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S)
         latch: Any = ext.declare_advanced_publisher(
             self._session,
             key,

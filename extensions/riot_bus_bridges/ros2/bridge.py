@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.types.capabilities import MOST_TOKENS
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.text_table import table_lines
 from riot_bus_bridges.bridging import Bridge
@@ -39,7 +40,6 @@ _RESTART_S = 10.0
 DDS may never tell a participant that it just meets of a reader that goes at that moment (1 of 60 starts, without any
 bridge); a reliable publisher then waits for that reader."""
 _MOST_ROUTES = 4096  # a guess: peers may announce any number, and each is an endpoint on both sides
-_MOST_TOKENS = 50_000  # as in riot_bus.graph.survey: anyone may declare tokens
 _ROUTES: tuple[type[BridgeRoute], ...] = (UpRoute, DownRoute, OfferedService, WantedService)
 
 
@@ -166,13 +166,13 @@ class Ros2Bridge(Bridge):
         found = parse_token(token)
         if isinstance(found, NodeEndpoint) and found.node.zid != self._port.zid:
             with self._changed:
-                room = not present or token in self._segment or len(self._segment) < _MOST_TOKENS
+                room = not present or token in self._segment or len(self._segment) < MOST_TOKENS
                 if not present:
                     self._segment.pop(token, None)
                 elif room:
                     self._segment[token] = found
             if not room:
-                self._problem(found.topic, f"more than {_MOST_TOKENS} announced endpoints are not bridged")
+                self._problem(found.topic, f"more than {MOST_TOKENS} announced endpoints are not bridged")
             self._wake()
 
     def _see_bridge(self, token: str, present: bool) -> None:  # noqa: FBT001 - called back

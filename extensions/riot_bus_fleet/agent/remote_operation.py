@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
+from riot_bus.control.commands import LARGEST_PAYLOAD
 from riot_bus.control.remote import ForgedAnswerError, Remote, document_of
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import release
@@ -28,12 +29,10 @@ if TYPE_CHECKING:
 
 _FIND_S = 3.0  # as in riot_bus.control.remote: one agent that hangs delays the list by as much
 _BEGIN_S = 20.0  # generous: agents look up logs and check plans before they answer; not measured
-_ASK_S = 2.0  # Ctrl-C is not noticed meanwhile; agents answer `status` and `stop` at once
 _STOP_S = 10.0  # as docs/fleet.md says; an agent that hangs must not keep the terminal for longer
 _SILENT_S = 2.0  # four missed messages of progress, which come every 0.5 s
 _LOOK_S = 0.2  # so late Ctrl-C is noticed; `riot agent acl` allows 20 questions for logs a second
 _LOOKING_S = 5.0  # scans may rest for 20 s (library.py): then people get the list so far
-_LARGEST = 1 << 20  # as `LARGEST_PAYLOAD` of commands: anyone may publish at these keys
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +59,7 @@ def find_robots(endpoint: str, *, config: Mapping[str, Any] | None = None) -> li
         tokens = {str(reply.ok.key_expr) for reply in found if reply.ok is not None}
         answers = {}
         for reply in session.get(f"{OWN_CHUNK}/*/agent/status", target=zenoh.QueryTarget.ALL, timeout=_FIND_S):
-            if reply.ok is not None and len(reply.ok.payload) <= _LARGEST:
+            if reply.ok is not None and len(reply.ok.payload) <= LARGEST_PAYLOAD:
                 document = document_of(reply.ok.payload.to_bytes())
                 answers[str(reply.ok.key_expr).split("/")[1]] = document.get("result")
     names = [token.split("/")[1] for token in tokens]
@@ -207,7 +206,7 @@ class RemoteOperation:
             query.reply(query.key_expr, prove(self._secret, "controller", nonce))
 
     def _take(self, message: Message) -> None:
-        found = {} if len(message.payload) > _LARGEST else document_of(message.payload)
+        found = {} if len(message.payload) > LARGEST_PAYLOAD else document_of(message.payload)
         operation, proof = found.get("operation"), found.get("proof")
         number = proof.get("nonce") if isinstance(proof, dict) else None
         if not isinstance(operation, dict) or operation.get("id") != self.operation or "state" not in operation:
@@ -241,7 +240,7 @@ class RemoteOperation:
     def _try(self, command: str, arguments: Mapping[str, Any]) -> dict[str, Any] | None:
         """Ask; return None without an answer in time."""
         try:
-            return self._ask(command, arguments, timeout=_ASK_S)
+            return self._ask(command, arguments, timeout=2.0)  # Ctrl-C is not noticed meanwhile
         except ForgedAnswerError:
             raise
         except EnvironmentFaultError:

@@ -266,7 +266,7 @@ def test_rewriters_are_carried_out_in_order_and_told_how_often():
 
 
 def test_what_is_kept_by_key_and_topic_is_bounded(monkeypatch):
-    monkeypatch.setattr(runner, "_CACHED_KEYS", 2)
+    monkeypatch.setattr(runner, "CACHED_KEYS", 2)
     monkeypatch.setattr(runner, "MOST_TOPICS", 3)
     run = pipeline()
     for number in range(6):

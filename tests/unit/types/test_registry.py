@@ -232,7 +232,7 @@ def test_type_named(toys):
 
 
 def test_caches_are_bounded(monkeypatch):
-    monkeypatch.setattr("riot_bus.types.registry._CACHED_KEYS", 10)
+    monkeypatch.setattr("riot_bus.types.registry.CACHED_KEYS", 10)
     types = TypeRegistry([ToyAdapter("T")])
     for index in range(100):
         assert types.type_of(f"toy/{index}/T").name == "T"

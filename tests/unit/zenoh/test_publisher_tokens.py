@@ -110,7 +110,7 @@ def test_types_are_sought_of_what_is_published(announcements: Announcements) -> 
 def test_tokens_without_end_take_no_memory_without_end(
     announcements: Announcements, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_MOST_TOKENS", 2)
+    monkeypatch.setattr(module, "MOST_TOKENS", 2)
     session: Any = Session()
     announcements.watch(session, wait=False)
     for text in ("pub a", "pub b"):
