@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.groups import groups_of, parts_by_topic
-from riot_bus.campaign.targets import Target, family_of, targets_of
+from riot_bus.campaign.targets import Target, targets_of
 from riot_bus.inject.dictionary import Dictionary
 from riot_bus.inject.dictionary_file import DictionaryFile, binds, eligible, plain_value
+from riot_bus.types.model import family_of
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.targets import ELEMENTS, MOST_ADDED_BYTES, family_of, may_change, samples_by_topic, spread
+from riot_bus.campaign.targets import ELEMENTS, MOST_ADDED_BYTES, may_change, samples_by_topic, spread
 from riot_bus.inject.mutations import Mutation, mutate
 from riot_bus.types.capabilities import DescribesFields, ListsParts, MessagePart
+from riot_bus.types.model import family_of
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 from riot_bus.vocabulary.injection import Injection
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.targets import MOST_ADDED_BYTES, Target, any_names, family_of
+from riot_bus.campaign.targets import MOST_ADDED_BYTES, Target, any_names
 from riot_bus.campaign.variations import Variation, moves_of
+from riot_bus.types.model import family_of
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
 

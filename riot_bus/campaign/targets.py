@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.types.brittle import why_brittle
 from riot_bus.types.capabilities import SuggestedValue, suggested_values
+from riot_bus.types.model import family_of
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.field_pattern import names_field
 
@@ -104,11 +105,6 @@ def targets_of(
         if chosen:
             targets[topic] = chosen
     return targets
-
-
-def family_of(path: str) -> str:
-    """Return a path with `[*]` for each index, which all elements of an array share."""
-    return _INDEX.sub("[*]", path)
 
 
 def spread(length: int, most: int) -> list[int]:

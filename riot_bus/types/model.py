@@ -33,6 +33,7 @@ ROOT = "value"
 
 _LONGEST_PATH = 1 << 10  # else many fields inside of one with a name of 1 MB would have paths of GBs
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_INDEX = re.compile(r"\[\d+\]")
 _STEP = re.compile(r'(?:^|\.)([A-Za-z_][A-Za-z0-9_]*)|\[(-?[0-9]{1,20})\]|\[("(?:[^"\\]|\\.)*")\]')
 
 
@@ -282,6 +283,11 @@ def member_path(parent: str, key: str | int) -> str:
     if _NAME.fullmatch(key) is None:
         return f"{parent}[{json.dumps(key, ensure_ascii=False)}]"
     return f"{parent}.{key}" if parent else key
+
+
+def family_of(path: str) -> str:
+    """Return a path with `[*]` for each index, which all elements of an array share."""
+    return _INDEX.sub("[*]", path)
 
 
 def wrap_integer(value: int, *, bits: int, signed: bool) -> int:

@@ -77,6 +77,7 @@ class TypeRegistry:
         self._inferred: dict[str, MessageType] = {}
         self._from_logs: dict[str, MessageType] = {}
         self._named_in_logs: dict[str, MessageType] = {}
+        self._refined: dict[str, MessageType] = {}
         self._encoded: dict[str, MessageType | None] = {}
         self._types: dict[str, MessageType] = {}
         self._declared: dict[str, MessageType] = {}
@@ -117,8 +118,8 @@ class TypeRegistry:
     def type_of(self, key: str, *, payload: bytes | None = None, encoding: str = "") -> MessageType | None:
         """Return the type of the key's messages, None if it is unknown.
 
-        Sources in order: declared, from a log's schema for this key, named by the key, from a log's schema for a topic
-        of its name, named by a log without definition, named by the encoding, inferred from the payload.
+        Sources in order: refined, declared, from a log's schema for this key, named by the key, from a log's schema for
+        a topic of its name, named by a log without definition, named by the encoding, inferred from the payload.
 
         Args:
             key: Key of a message.
@@ -166,6 +167,11 @@ class TypeRegistry:
             self._types.setdefault(found.name, found)
             self._forget()
         return found
+
+    def refine(self, key: str, kind: MessageType) -> None:
+        """Let a key have a type that knows more than the one found so far, such as one that was learnt from a log."""
+        self._refined[key] = kind
+        self._forget()
 
     def announcements(self) -> list[str]:
         """Return the key expressions of the liveliness tokens that adapters understand."""
@@ -267,7 +273,8 @@ class TypeRegistry:
         name = self._name(key)
         logged, named = self._from_logs, self._named_in_logs
         return (
-            self._declared_for(key, name)
+            self._refined.get(key)
+            or self._declared_for(key, name)
             or logged.get(key)
             or self._by_key(key, name)
             or logged.get(name.name)

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from statistics import median, pstdev
 
 from riot_bus.backchain.encoding import SearchField
-from riot_bus.campaign.targets import ELEMENTS, Target, any_names, family_of, may_change, samples_by_topic, targets_of
+from riot_bus.campaign.targets import ELEMENTS, Target, any_names, may_change, samples_by_topic, targets_of
 from riot_bus.chain.base.logs import nominal_values
 from riot_bus.chain.base.workspace import Workspace
 from riot_bus.generalize.forms.standalone import INTEGERS
 from riot_bus.system.system_file import Parameter, RunPace, SystemFile
 from riot_bus.types.brittle import why_brittle
+from riot_bus.types.model import family_of
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal

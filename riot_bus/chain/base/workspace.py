@@ -26,6 +26,7 @@ from riot_bus.report.regression import write_regression_test, write_reproduce
 from riot_bus.system.system_file import RunPace
 from riot_bus.trial.baseline import Baseline
 from riot_bus.trial.context import Context, open_system
+from riot_bus.types.learnt import learn_types
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError, did_you_mean
 from riot_bus.vocabulary.message import Message
@@ -266,6 +267,7 @@ class Workspace:
         """Return the messages of a log; several steps need those of the nominal one, so it is read once."""
         if path not in self._logs:
             self._logs[path] = read_messages(path, registry=self.context.registry)
+            learn_types(self._logs[path], self.context.registry)
         return self._logs[path]
 
     def unit_log(self, name: str) -> tuple[Message, ...]:
