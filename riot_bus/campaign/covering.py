@@ -5,7 +5,7 @@ and when all were tried. While trials pass, the next one has twice as many varia
 many, and the delivered variations are tried again in two halves, until it is known which one fails alone and that the
 others do not. Variations that a trial did not reach, since it failed before, or that changed no message, wait for
 another trial. So a robust unit is covered in a few trials, and a fault costs about twice the logarithm of the group's
-size.
+size. Malformed payloads come last: most units fail on them.
 """
 
 from __future__ import annotations
@@ -85,7 +85,8 @@ class Covering:
         self._random.shuffle(fitting)
         # faults of whole messages first: they are few, and many values may wait for the only message of a topic
         fitting.sort(key=lambda item: item.injections[0].field is not None)
-        self._fresh = deque(fitting)
+        self._fresh = deque(item for item in fitting if not item.malformed)
+        self._malformed = deque(item for item in fitting if item.malformed)
         self._alone: deque[Variation] = deque()
         self._late = False
         self._halves: deque[tuple[Placed, ...]] = deque()
@@ -107,6 +108,8 @@ class Covering:
             return self._halves.popleft()
         if self._hanging and not calm:
             return self._hanging.popleft()
+        if not self._fresh and not self._alone:  # else failures to check payloads would hide all others
+            self._fresh, self._malformed = self._malformed, deque()
         fresh, alone = self._fresh, self._alone
         if calm:
             self._fresh = deque(item for item in fresh if item.about not in self._hung)
@@ -169,7 +172,7 @@ class Covering:
     @property
     def finished(self) -> bool:
         """Whether all variations have been tried or handed out, and those that fail are known."""
-        return not (self._fresh or self._alone or self._halves or self._hanging)
+        return not (self._fresh or self._alone or self._malformed or self._halves or self._hanging)
 
     def policies(self) -> tuple[Placed, ...]:
         """Return policies on many messages, for topics with everything tried once; nothing if there is none."""
@@ -286,7 +289,8 @@ class Covering:
     def _remember(self, passed: Iterable[Variation]) -> None:
         """Keep the variations that are worth varying further."""
         for item in passed:
-            if item.span == 1 and item.first is None and all(each.topic == item.topic for each in item.injections):
+            single = item.span == 1 and item.first is None
+            if single and not item.malformed and all(each.topic == item.topic for each in item.injections):
                 self._free.setdefault(item.topic, []).append(item)
                 self.stretches.add(item)
                 if item.injections[0].field is None:

@@ -1,4 +1,4 @@
-"""Malformed messages: wrong lengths, fields that are missing or of another type, old stamps."""
+"""Messages of another shape: arrays of other lengths, old stamps, and malformed payloads."""
 
 from __future__ import annotations
 
@@ -30,16 +30,17 @@ _LIST, _MAP = (("empty", "list"),), (("empty", "map"),)
 def malformations(
     messages: Sequence[Message], registry: TypeRegistry, *, leave: Sequence[str] = (), include: Sequence[str] = ()
 ) -> list[Variation]:
-    """Return the ways to malform a log's messages, as variations to try once.
+    """Return the ways to change the shape of a log's messages, as variations to try once.
 
-    Payloads are cut off. Arrays are empty, one shorter, one longer and long. In formats without a definition of the
-    fields, each field, list and map is missing, null and of another type. All stamps of a message are those of the
-    topic's first message, or of its last one. Of an array's elements, only the first is changed.
+    Arrays are empty, one shorter, one longer and long; that is malformed where the format has no definition and all
+    messages have one length. All stamps of a message are those of the topic's first message, or of its last one.
+    Malformed are payloads that are cut off, and in formats without a definition of the fields, each field, list and map
+    that is missing, null or of another type. Of an array's elements, only the first is changed.
 
     Topics none of whose fields may be changed are left alone, too.
     """
     found = []
-    longest = Counter[str]()
+    longest, fixed = Counter[str](), fixed_lengths(messages, registry)
     for message in messages:
         topic = registry.topic(message.key)
         longest[topic] = max(longest[topic], len(message.payload))
@@ -60,20 +61,34 @@ def malformations(
                 stamps[number > 0] = {path: value for path, value in now.items() if not any_names(leave, topic, path)}
         for path, (kind, leaf) in fields.items():
             if may_change(topic, path, leave, include, kind=kind) and not _LATER_ELEMENT.search(path):
-                found += [Variation(topic, (each,), f"{topic} {path}") for each in _of_field(topic, kind, leaf)]
+                malformed = (topic, path) in fixed if path.startswith("len(") else isinstance(kind, OmitsFields)
+                changes = _of_field(topic, kind, leaf)
+                found += [Variation(topic, (each,), f"{topic} {path}", malformed=malformed) for each in changes]
         for outer, (omitting, payload, paths) in inside.items():
             left = any(any_names(leave, topic, path) for path in (outer, *paths)) or _LATER_ELEMENT.search(outer)
             if not left and any(may_change(topic, path, leave, include) for path in paths):
                 array = f"len({outer})" in fields
                 faults = _of_container(topic, omitting, payload, outer, array=array)
-                found += [Variation(topic, (each,), f"{topic} {outer}") for each in faults]
+                found += [Variation(topic, (each,), f"{topic} {outer}", malformed=True) for each in faults]
         for each in stamps if len(samples) > 1 and stamps[0] != stamps[1] else ():
             injections = tuple(Injection(topic, path, value) for path, value in each.items())
             found.append(Variation(topic, injections, f"{topic} stamps", 1, count // 2))
         most = 0 if any_names(leave, topic, "") else longest[topic]
         sizes = {int(keep * most): Injection(topic, fault="truncate", options=(("keep", keep),)) for keep in (0.5, 0.0)}
-        found += [Variation(topic, (each,), f"{topic} truncate") for size, each in sizes.items() if size < most]
+        cuts = (each for size, each in sizes.items() if size < most)
+        found += [Variation(topic, (each,), f"{topic} truncate", malformed=True) for each in cuts]
     return found
+
+
+def fixed_lengths(messages: Sequence[Message], registry: TypeRegistry) -> set[tuple[str, str]]:
+    """Return topics and paths (`len(data)`) of arrays without a definition that always have the same length."""
+    lengths: dict[tuple[str, str], set[Scalar]] = {}
+    for topic, (_, samples) in samples_by_topic(messages, registry).items():
+        for sample in samples:
+            for leaf in sample.leaves(elements=1) if isinstance(sample.kind, OmitsFields) else ():
+                if leaf.path.startswith("len("):
+                    lengths.setdefault((topic, leaf.path), set()).add(leaf.value)
+    return {place for place, known in lengths.items() if len(known) == 1}
 
 
 def _of_field(topic: str, kind: MessageType, leaf: Leaf) -> Iterator[Injection]:

@@ -20,14 +20,13 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message, Scalar
 
-_SAMPLES = 5  # a guess: messages of a topic with the same fields nearly always
 ELEMENTS = 4
 """Number of elements of each array that are targets of their own."""
 _PLACES = 64
 """Elements of an array, or of nested arrays, that injections may reach: more make a campaign slow to prepare."""
 _INDEX = re.compile(r"\[(\d+)\]")
-_OBSERVED = 200
-"""Messages of a topic that are read for limits: enough for these, and a second at most for large messages."""
+_SAMPLES = 200
+"""Messages of a topic that are read for fields and limits: a second at most for large messages."""
 _OTHERS = 4
 """Number of texts of the field itself, and of values of other fields of its message, that are tried."""
 MOST_ADDED_BYTES = 1 << 26
@@ -132,10 +131,8 @@ def _at(path: str, indices: Iterable[int]) -> str:
     return _INDEX.sub(lambda _: f"[{next(left)}]", path)
 
 
-def samples_by_topic(
-    messages: Sequence[Message], registry: TypeRegistry, *, most: int = _SAMPLES
-) -> dict[str, tuple[int, list[TypedPayload]]]:
-    """Return for each topic, sorted, its number of messages, and samples of about `most` of them."""
+def samples_by_topic(messages: Sequence[Message], registry: TypeRegistry) -> dict[str, tuple[int, list[TypedPayload]]]:
+    """Return for each topic, sorted, its number of messages, and samples of about `_SAMPLES` of them."""
     by_topic: dict[str, list[Message]] = {}
     for message in messages:
         if message.kind == "put":
@@ -143,7 +140,7 @@ def samples_by_topic(
     found = {}
     for topic, carried in sorted(by_topic.items()):
         samples = []
-        for message in carried[:: max(1, len(carried) // most)]:
+        for message in carried[:: max(1, len(carried) // _SAMPLES)]:
             kind = registry.type_of_message(message)
             if kind is not None:
                 samples.append(TypedPayload(kind, message.payload))
@@ -180,7 +177,7 @@ def with_observed(
 ) -> dict[str, list[Target]]:
     """Return the targets with the values that the log suggests added to those from their definitions."""
     found = {}
-    for topic, (_, samples) in samples_by_topic(messages, registry, most=_OBSERVED).items():
+    for topic, (_, samples) in samples_by_topic(messages, registry).items():
         if topic in targets:
             rows = [{leaf.path: (leaf.type, leaf.value) for leaf in one.leaves(ELEMENTS)} for one in samples]
             found[topic] = [replace(each, told=(*each.told, *_values(each, rows))) for each in targets[topic]]

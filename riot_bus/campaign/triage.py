@@ -16,8 +16,12 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
 
 Types = Mapping[tuple[str, str], str]
+"""Types of fields by topic and path; of a length (`len(data)`) that never varies it is `FIXED`."""
+
+FIXED = "fixed"
 
 _SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort", "limit": "abort"}
+_MALFORMED = 2  # on the scale of `_strangeness`
 _MINED_ALARMS = 0.01
 """Share of nominal trials in which mined rules may fire by chance (docs/verdicts.md)."""
 
@@ -62,6 +66,11 @@ class Failure:
         return complexity(self.case.injections, self.modified, self.types)
 
     @property
+    def malformed(self) -> bool:
+        """Whether all cases known to fail this way have payloads that a sender that works would not send."""
+        return self.complexity[0] >= _MALFORMED
+
+    @property
     def played(self) -> int:
         """Messages of the case that were played before the failure; 0 if that is not known."""
         return int(self.outcome.statistics.get("played", 0))
@@ -100,10 +109,10 @@ def plainer(failure: Failure) -> Iterator[TestCase]:
 def _strangeness(injection: Injection, types: Types) -> int:
     value = injection.value
     if injection.fault != "set":
-        return {"truncate": 3, "omit": 2}.get(injection.fault, 0)
+        return {"truncate": _MALFORMED + 1, "omit": _MALFORMED}.get(injection.fault, 0)
     known = types.get((injection.topic, injection.field or ""))
-    if known is not None and isinstance(value, str | bytes) != (known in ("string", "bytes")):
-        return 2  # a value of another type, which the field cannot have
+    if known is not None and (known == FIXED or isinstance(value, str | bytes) != (known in ("string", "bytes"))):
+        return _MALFORMED  # a length, or a value of another type, that the field cannot have
     return int(value is None or (isinstance(value, float) and not math.isfinite(value)))
 
 

@@ -99,6 +99,7 @@ class Variation:
         most: Most messages that it may change in a trial, so that enlarged messages fit into memory; None for any.
         elements: Paths of array elements that may get the value in place of the injection's own field.
         moves: Moves of a message by its number, used instead of `injections` if `span` is 1.
+        malformed: Whether a sender that works would never send it, such as a payload that is cut off.
     """
 
     topic: str
@@ -111,6 +112,7 @@ class Variation:
     most: int | None = None
     elements: tuple[str, ...] = ()
     moves: Moves | None = field(default=None, compare=False)
+    malformed: bool = False
 
     def with_(self, other: Variation) -> Variation:
         """Return the changes of both as one variation of the same messages."""

@@ -227,8 +227,10 @@ def run_tests(
     **given: Any,
 ) -> None:
     """Test one unit, or the whole system, with exceptional values, and group failures into findings."""
+    from riot_bus.chain.steps.analyze import to_explain
     from riot_bus.chain.steps.robustness import test_unit
     from riot_bus.findings.records import CampaignRecord
+    from riot_bus.report.text import unchecked
 
     run = RunOptions(**given)
     with open_workspace(system, run) as workspace:
@@ -238,7 +240,8 @@ def run_tests(
         found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered, whole_system=whole_system)
     folders = [str(folder) for folder in found]
     record = CampaignRecord.load(run.out)
-    lines = folders or [f"inconclusive: {doubt}" for doubt in record.doubts] or ["no finding"]
+    doubts = [f"inconclusive: {doubt}" for doubt in record.doubts]
+    lines = [*map(str, to_explain(found)), *unchecked(found)] or doubts or ["no finding"]
     unjudged = [each.model_dump(mode="json") for each in record.unjudged]
     show({"unit": name, "findings": folders, "notes": record.notes, "unjudged": unjudged}, run.form, lines)
     if folders or record.doubts:
@@ -273,7 +276,7 @@ def analyze(
     from riot_bus.config.arguments import parse_seconds
     from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.finding_view import load
-    from riot_bus.report.text import summary
+    from riot_bus.report.text import summary, unchecked
     from riot_bus.vocabulary.errors import ConfigError
 
     most_s = parse_seconds(within, "--for") if within is not None else None
@@ -290,7 +293,7 @@ def analyze(
             workspace.context.file.check_outside_apart()  # else the chain would fail with this after its longest steps
         if most_s is not None:
             done = analyze_within(workspace, name, most_s, further=others, options=options)
-            folders = [one.folder for one in done]
+            folders = tested(workspace, name) or []
         else:
             most = _TRIALS if trials is None and seconds is None else trials
             known = tested(workspace, name)
@@ -304,8 +307,8 @@ def analyze(
         for one, rule in zip(done, rules, strict=True)
     ]
     doubts = [] if folders else CampaignRecord.load(run.out).doubts
-    lines = [*(summary(one.folder) for one in done), *(f"inconclusive: {doubt}" for doubt in doubts)] or ["no finding"]
-    show({"findings": result}, run.form, lines)
+    lines = [*(summary(one.folder) for one in done), *unchecked(folders), *(f"inconclusive: {each}" for each in doubts)]
+    show({"findings": result}, run.form, lines or ["no finding"])
     if folders or doubts:
         raise typer.Exit(_ExitCode.FAULTS if folders else _ExitCode.INCONCLUSIVE)
 

@@ -261,6 +261,8 @@ class FindingRecord(Artefact):
         delivered: Number of played messages that each of `injections` changed; empty if not known.
         external: Whether the system names external topics; else the chain ends with the rule.
         whole_system: Whether it was found in runs of the whole system; then its log has the external messages.
+        malformed: Whether only payloads that a sender that works would not send have caused it, and it is told with the
+            others of these.
         fixed_in: Fingerprint of other code with which fresh trials of it did not fail; empty if that was not seen.
     """
 
@@ -286,6 +288,7 @@ class FindingRecord(Artefact):
     modified: int = 0
     external: bool = True
     whole_system: bool = False
+    malformed: bool = False
     fixed_in: str = ""
 
     @classmethod
@@ -315,10 +318,13 @@ class FindingRecord(Artefact):
         return {"finding": self.id, "signature": self.signature}
 
     @property
-    def rank(self) -> tuple[int, float, int]:
-        """Sort key among findings: first those worse on the CRASH scale, more frequent, with fewer modifications."""
+    def rank(self) -> tuple[bool, int, float, int]:
+        """Sort key among findings: first those worse on the CRASH scale, more frequent, with fewer modifications.
+
+        Those of malformed payloads come last.
+        """
         place = SEVERITIES.index(self.severity) if self.severity in SEVERITIES else len(SEVERITIES)
-        return place, -self.rate.value if self.rate else 0.0, self.modified
+        return self.malformed, place, -self.rate.value if self.rate else 0.0, self.modified
 
 
 class SimplifiedRecord(_Model):

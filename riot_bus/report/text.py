@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
+from riot_bus.findings.records import FindingRecord
 from riot_bus.report.finding_view import FindingView, load
 from riot_bus.report.format import clean, number, plural, seconds, share, share_interval
 from riot_bus.report.statements import other_fields
@@ -14,6 +16,16 @@ _NAMES = 8  # of up to 80 letters, in one line of the console; fields.json has a
 def summary(directory: Path) -> str:
     """Return what is known of a finding, for the console; nothing in it can move the terminal's cursor."""
     return TextReport().render(load(directory)).rstrip("\n")
+
+
+def unchecked(folders: Iterable[Path]) -> list[str]:
+    """Return a line on the findings of malformed payloads, which are told together; none if there are none."""
+    found = [record for folder in folders if (record := FindingRecord.load(folder)).malformed]
+    if not found:
+        return []
+    names = ", ".join(clean(record.id, limit=40) for record in found[:3]) + (", ..." if found[3:] else "")
+    more = f'malformed = "each" in [unit.{clean(found[0].unit, limit=40)}] explains them, too'
+    return [f"payloads are not checked in {plural(len(found), 'place')}: {names}; {more}"]
 
 
 class TextReport:

@@ -406,6 +406,9 @@ class Unit(_Table):
     waits, unless that takes more than twice as long; then a failure that does not always come again is tried with the
     order kept, too.
 
+    `malformed` payloads (cut off, fields missing or of another type) are tried last. With "group" what they break is
+    told in one line, and explained for findings that are named; with "each" it is told and explained like the rest.
+
     Each trial has a process of its own. With `isolation` "fresh" its command is executed. With "auto" a Python program
     is forked from a process that has imported what it needs, where that makes no difference.
 
@@ -426,6 +429,7 @@ class Unit(_Table):
     dictionaries: tuple[str, ...] = ()
     leave: tuple[str, ...] = ()
     include: tuple[str, ...] = ()
+    malformed: Literal["group", "each", "never"] = "group"
 
     @model_validator(mode="before")
     @classmethod

@@ -45,8 +45,13 @@ def analyze_all(
 
     Arguments are those of `analyze`.
     """
-    every = with_other_causes(folders)
+    every = with_other_causes(to_explain(folders))
     return [analyze(workspace, folder, further=further, options=options) for folder, _ in every]
+
+
+def to_explain(folders: Sequence[Path]) -> list[Path]:
+    """Return the findings of a campaign to take through the chain: not those of the group of malformed payloads."""
+    return [folder for folder in folders if not FindingRecord.load(folder).malformed]
 
 
 def with_other_causes(folders: Sequence[Path]) -> Iterator[tuple[Path, int]]:

@@ -15,12 +15,12 @@ from riot_bus.campaign.bindings import naming_nothing, never_applied
 from riot_bus.campaign.campaign import CampaignResult, CampaignSettings, run_campaign
 from riot_bus.campaign.covering import Covering, failure_rates
 from riot_bus.campaign.groups import groups_of
-from riot_bus.campaign.malformed import malformations
+from riot_bus.campaign.malformed import fixed_lengths, malformations
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.situations import situations_of
 from riot_bus.campaign.store import StoredRunner
 from riot_bus.campaign.targets import targets_of, with_observed
-from riot_bus.campaign.triage import Failure, Types, complexity, finding_id, severity
+from riot_bus.campaign.triage import FIXED, Failure, Types, complexity, finding_id, severity
 from riot_bus.campaign.variations import Variation
 from riot_bus.chain.base.external import driving_log, system_log
 from riot_bus.chain.base.injections import injection_of
@@ -64,6 +64,7 @@ class _Subject:
     log: tuple[Message, ...]
     leave: Sequence[str]
     include: Sequence[str]
+    malformed: str = "group"
     whole_system: bool = False
 
 
@@ -78,7 +79,8 @@ def _subject(workspace: Workspace, unit: str, *, whole_system: bool) -> _Subject
             )
         return _Subject(unit, file.system.name, system_log(workspace), file.external.exclude, (), whole_system=True)
     settings = file.unit[unit]
-    return _Subject(unit, unit, workspace.unit_log(unit), settings.leave, settings.include)
+    log = workspace.unit_log(unit)
+    return _Subject(unit, unit, log, settings.leave, settings.include, malformed=settings.malformed)
 
 
 def test_unit(
@@ -136,7 +138,7 @@ def test_unit(
         starts = "; ".join(f"{how} in {counted(count, 'trial')}" for how, count in result.starts.items())
         lines = [*found, *doubts, *([f"how the unit was started: {starts}"] if starts else [])]
         step.end(
-            "\n".join([_summary(subject, result, len(folders), record.stopped), *lines]),
+            "\n".join([_summary(subject, result, folders, record.stopped), *lines]),
             folder=workspace.out,
             record=record,
         )
@@ -165,7 +167,9 @@ def _planned(workspace: Workspace, subject: _Subject) -> tuple[Schedule, Types]:
         seed=workspace.seed,
         groups=groups_of(log, registry, dictionary, leave=leave, include=include),
     )
-    return schedule, {(each.topic, each.path): each.type for found in everything.values() for each in found}
+    fixed = dict.fromkeys(fixed_lengths(log, registry), FIXED)
+    schedule.types |= fixed
+    return schedule, fixed | {(each.topic, each.path): each.type for found in everything.values() for each in found}
 
 
 def _covering(workspace: Workspace, subject: _Subject, schedule: Schedule) -> Covering:
@@ -174,7 +178,11 @@ def _covering(workspace: Workspace, subject: _Subject, schedule: Schedule) -> Co
         [
             *schedule.items(),
             *message_faults(log, registry, leave=subject.leave),
-            *malformations(log, registry, leave=subject.leave, include=subject.include),
+            *(
+                each
+                for each in malformations(log, registry, leave=subject.leave, include=subject.include)
+                if subject.malformed != "never" or not each.malformed
+            ),
         ],
         positions_of(log, registry),
         seed=workspace.seed,
@@ -279,13 +287,16 @@ def _unjudged(cases: Sequence[tuple[TestCase, str]]) -> tuple[UnjudgedRecord, ..
     )
 
 
-def _summary(subject: _Subject, result: CampaignResult, findings: int, why: str) -> str:
+def _summary(subject: _Subject, result: CampaignResult, folders: Sequence[Path], why: str) -> str:
+    places = sum(FindingRecord.load(folder).malformed for folder in folders)
     messages = counted(len(subject.log), "message")
     what, each = ("run", f"about {messages} from outside") if subject.whole_system else ("trial", f"{messages} each")
     text = (
         f"{counted(result.trials, what)} of {subject.name} with {each}: "
-        f"{result.failing} failed, {counted(findings, 'distinct finding')}"
+        f"{result.failing} failed, {counted(len(folders) - places, 'distinct finding')}"
     )
+    if places:
+        text += f"; payloads are not checked in {counted(places, 'place')}"
     if result.coverable:
         text += f"; {len(result.tried)} of {result.coverable} values and message faults tried"
     if result.unconfirmed:
@@ -474,6 +485,7 @@ def _write(step: StepRun, subject: _Subject, failure: Failure, folder: Path) -> 
         modified=modified,
         external=bool(context.file.external.topics),
         whole_system=subject.whole_system,
+        malformed=failure.malformed and subject.malformed == "group",
         seed=workspace.seed,
         trials=step.trials,
         seconds=step.seconds,

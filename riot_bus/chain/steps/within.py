@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from riot_bus.chain.base.workspace import Workspace
-from riot_bus.chain.steps.analyze import Analysis, Options, analyze, with_other_causes
+from riot_bus.chain.steps.analyze import Analysis, Options, analyze, to_explain, with_other_causes
 from riot_bus.chain.steps.robustness import test_unit
 from riot_bus.events import TimeLeft
 from riot_bus.findings.records import CampaignRecord
@@ -56,7 +56,7 @@ def analyze_within(
                 workspace.until = None
 
     def unexplained(folders: Sequence[Path]) -> list[Path]:
-        return [folder for folder in folders if folder not in done or done[folder].unfinished]
+        return [folder for folder in to_explain(folders) if folder not in done or done[folder].unfinished]
 
     while (left := tell()) > 0.05 * seconds:  # with less, a campaign would only repeat what is stored
         until = now() + left * 0.3  # explaining a finding takes about twice the trials that find it

@@ -223,7 +223,7 @@ def test_that_values_were_kept_back_since_hangs_took_too_long_is_told(tmp_path: 
 @pytest.mark.parametrize("known", [True, False])
 def test_a_finding_names_what_was_injected_before_its_log_ends(tmp_path: Path, *, known: bool) -> None:
     one = bench(tmp_path)
-    one.workspace.seed = 5  # with which a case of three injections is the first to fail
+    one.workspace.seed = 9  # with which a case of three injections is the first to fail
     plain = one.machine.play
 
     def play(case: TestCase) -> Outcome:
