@@ -367,8 +367,10 @@ def _together(
     if covering is None:
         return None, ()
     if not (trial + 1) % _DRAWN:
+        if unchecked := covering.malformed():
+            return covering, unchecked
         policies = covering.policies()
-        if policies or not calm:
+        if policies or (covering.finished and not calm):
             return covering.stretches, policies
     if covering.finished and not trial % _NARROWED and (part := covering.novelties.next()):
         return covering.novelties, part

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import random
 from bisect import bisect_left
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate
@@ -26,6 +26,8 @@ from riot_bus.vocabulary.trial import Outcome, Verdict
 
 _LARGEST = 256
 """Most variations in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
+_PASSES = 0.5
+"""Chance at which a trial of variations that have been set apart, since others about the same failed, has enough."""
 _MOST_MISSED = 3
 """Trials that do not reach a variation before it counts as not tried."""
 _SHARE_SILENT = 0.25
@@ -93,6 +95,11 @@ class Covering:
         self._hanging: deque[tuple[Placed, ...]] = deque()
         self._hung: set[str] = set()
         self._missed: Counter[int] = Counter()
+        self._blamed: dict[int, Placed] = {}
+        self._right = 0
+        self._open = 0
+        self._unchecked = 1
+        self._counts: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
         self._size = 1
         self.total = len(fitting)
         self.nominal_outputs = 0
@@ -105,24 +112,40 @@ class Covering:
     def next(self, *, calm: bool = False) -> tuple[Placed, ...]:
         """Return the next variations to try together; nothing when all have been tried or handed out."""
         if self._halves:
-            return self._halves.popleft()
+            self._open += 1
+            return self._halves.pop()  # the smallest: what fails alone is then left out of the others
         if self._hanging and not calm:
+            self._open += 1
             return self._hanging.popleft()
-        if not self._fresh and not self._alone:  # else failures to check payloads would hide all others
-            self._fresh, self._malformed = self._malformed, deque()
+        if not (self._fresh or self._alone or self._hanging):
+            return self.malformed()
         fresh, alone = self._fresh, self._alone
         if calm:
             self._fresh = deque(item for item in fresh if item.about not in self._hung)
             self._alone = deque(item for item in alone if item.about not in self._hung)
         if not self._fresh and self._alone:
-            self._size = self._size if self._late else 1
             self._late = True
-            while self._alone and len(self._fresh) < self._size:
+            self._alone = deque(sorted(self._alone, key=lambda item: (item.malformed, self._failing(item))))
+            passes = 1.0
+            while self._alone and passes > _PASSES:
+                passes *= 1 - self._failing(self._alone[0])
                 self._fresh.append(self._alone.popleft())
+            self._size = len(self._fresh)
         found = self._gather(self._fresh, fill=not self._late) if self._fresh else ()
+        self._open += bool(found)
         if calm:
             self._fresh += (item for item in fresh if item.about in self._hung)
             self._alone += (item for item in alone if item.about in self._hung)
+        return found
+
+    def malformed(self) -> tuple[Placed, ...]:
+        """Return malformed payloads to try next; nothing as long as plausible variations may still pass."""
+        plausible = not self._late and bool(self._fresh or self._open)
+        if plausible or not self._malformed:
+            return ()
+        size, self._size = self._size, self._unchecked
+        found = self._gather(self._malformed, fill=False)
+        self._size = size
         return found
 
     def further(self) -> tuple[Placed, ...]:
@@ -135,6 +158,8 @@ class Covering:
 
     def record(self, group: Sequence[Placed], outcome: Outcome) -> None:
         """Record the outcome of a trial of a group that `next`, `further` or `policies` gave."""
+        malformed = any(placed.item.malformed for placed in group)
+        self._open -= not malformed and self._open > 0
         reached = self._reached(group, outcome)
         failed = outcome.verdict is Verdict.FAIL
         hung = is_hang(outcome)
@@ -142,14 +167,22 @@ class Covering:
         hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * self.nominal_outputs
         apart = failed or hidden or not outcome.judged
         at = {id(placed) for placed in reached}
-        self._put_back(placed.item for placed in group if id(placed) not in at)
+        self._put_back((placed.item for placed in group if id(placed) not in at), missed=not ended(outcome))
+        if len(group) == 1 and id(group[0]) in self._blamed:
+            self._blamed.pop(id(group[0]))
+            self._right += 1 if failed else -1
         if apart and len(reached) > 1:
-            half = len(reached) // 2
+            blame = ended(outcome) and self._right >= 0
+            split = len(reached) - 1 if blame else len(reached) // 2
             halves = self._hanging if hung else self._halves
-            halves += (tuple(reached[:half]), tuple(reached[half:]))
+            halves += (tuple(reached[:split]), tuple(reached[split:]))
+            if blame:
+                self._blamed[id(reached[-1])] = reached[-1]
         elif outcome.judged:
             fresh = [placed.item for placed in reached if not placed.item.again]
             self.tried += [(item, failed) for item in fresh]
+            for item in fresh:
+                self._counts[item.about][failed] += 1
             if failed and reached:
                 self._failed.update((reached[0].item.injections, reached[0].item.about))
                 self._set_apart(reached[0].item.about)
@@ -157,7 +190,10 @@ class Covering:
             elif not failed:
                 self._remember(fresh)
                 self.novelties.learn(reached, outcome)
-        self._size = max(1, self._size // 2) if apart else min(_LARGEST, max(self._size, len(group)) * 2)
+        if malformed:
+            self._unchecked = 1 if apart else min(_LARGEST, len(group) * 2)
+        else:
+            self._size = max(1, self._size // 2) if apart else min(_LARGEST, max(self._size, len(group)) * 2)
 
     @property
     def covered(self) -> int:
@@ -280,9 +316,9 @@ class Covering:
     def _position(self, placed: Placed) -> int:
         return self._positions[placed.item.topic][placed.firsts[0]]
 
-    def _put_back(self, items: Iterable[Variation]) -> None:
+    def _put_back(self, items: Iterable[Variation], *, missed: bool) -> None:
         for item in items:
-            self._missed[id(item)] += 1
+            self._missed[id(item)] += missed
             if not item.again and self._missed[id(item)] < _MOST_MISSED:
                 self._fresh.append(item)
 
@@ -299,10 +335,29 @@ class Covering:
                     for key in (item.topic, (item.topic, repr(item.injections[0].value))):
                         self._values.setdefault(key, []).append(item)
 
+    def _failing(self, item: Variation) -> float:
+        """Return the share of the variations about the same thing that have failed alone."""
+        passed, failed = self._counts[item.about]
+        return (failed + 1) / (passed + failed + 2)
+
     def _set_apart(self, about: str) -> None:
         """Postpone the other variations about what failed, to be tried alone: most would make their groups fail."""
-        self._alone += [item for item in self._fresh if item.about == about]
-        self._fresh = deque(item for item in self._fresh if item.about != about)
+        for queue in (self._fresh, self._malformed):
+            same = [item for item in queue if item.about == about]
+            self._alone += same
+            for item in same:
+                queue.remove(item)
+        for parts in (self._halves, self._hanging):
+            for _ in range(len(parts)):
+                part = parts.popleft()
+                self._alone += [each.item for each in part if each.item.about == about and not each.item.again]
+                if rest := tuple(each for each in part if each.item.about != about):
+                    parts.append(rest)
+
+
+def ended(outcome: Outcome) -> bool:
+    """Return whether the unit came to an end in a trial, so that what came last before that may be the cause."""
+    return any(each.monitor in ("crash", "exit") for each in outcome.violations)
 
 
 def is_hang(outcome: Outcome) -> bool:
