@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
+from riot_bus.campaign.sentences import structured
 from riot_bus.types.brittle import why_brittle
 from riot_bus.types.capabilities import SuggestedValue, suggested_values
 from riot_bus.types.model import family_of
@@ -194,6 +195,7 @@ def _values(target: Target, rows: Iterable[Mapping[str, tuple[str, Scalar]]]) ->
     if target.type in ("string", "bytes"):
         texts = [each for each in own if isinstance(each, str | bytes) and len(each) < _LONG and len(own) > 1]
         yield from (SuggestedValue(each, "another message has it") for each in texts[:_OTHERS])
+        yield from structured([each for each in own if isinstance(each, str) and len(each) < _LONG])
     elif target.type != "bool" and own:
         numbers = [value for value in own if isinstance(value, int | float) and value - value == 0]
         low, high = min(numbers, default=0), max(numbers, default=0)
