@@ -33,7 +33,8 @@ def malformations(
     """Return the ways to change the shape of a log's messages, as variations to try once.
 
     Arrays are empty, one shorter, one longer and long; that is malformed where the format has no definition and all
-    messages have one length. All stamps of a message are those of the topic's first message, or of its last one.
+    messages have one length. All stamps of a message are those of the topic's first message, of its last one, or of one
+    just before it.
     Malformed are payloads that are cut off, and in formats without a definition of the fields, each field, list and map
     that is missing, null or of another type. Of an array's elements, only the first is changed.
 
@@ -47,7 +48,8 @@ def malformations(
     for topic, (count, samples) in samples_by_topic(messages, registry).items():
         fields: dict[str, tuple[MessageType, Leaf]] = {}
         inside: dict[str, tuple[OmitsFields, bytes, list[str]]] = {}
-        stamps: list[dict[str, Scalar]] = [{}, {}]
+        middle = len(samples) // 2
+        stamps: list[dict[str, Scalar]] = [{}, {}, {}]
         for number, sample in enumerate(samples):
             kind, payload = sample
             leaves = sample.leaves(elements=1)
@@ -56,9 +58,10 @@ def malformations(
                     for outer in _outer(leaf.path):
                         inside.setdefault(outer, (kind, payload, []))[2].append(leaf.path)
                 fields.setdefault(leaf.path, (kind, leaf))
-            if number in (0, len(samples) - 1):
-                now = {leaf.path: leaf.value for leaf in leaves if why_brittle(leaf.path, kind) in STAMPS}
-                stamps[number > 0] = {path: value for path, value in now.items() if not any_names(leave, topic, path)}
+            for at, place in enumerate((0, len(samples) - 1, middle - 1)):
+                if number == place:
+                    now = {leaf.path: leaf.value for leaf in leaves if why_brittle(leaf.path, kind) in STAMPS}
+                    stamps[at] = {path: value for path, value in now.items() if not any_names(leave, topic, path)}
         for path, (kind, leaf) in fields.items():
             if may_change(topic, path, leave, include, kind=kind) and not _LATER_ELEMENT.search(path):
                 malformed = (topic, path) in fixed if path.startswith("len(") else isinstance(kind, OmitsFields)
@@ -70,9 +73,10 @@ def malformations(
                 array = f"len({outer})" in fields
                 faults = _of_container(topic, omitting, payload, outer, array=array)
                 found += [Variation(topic, (each,), f"{topic} {outer}", malformed=True) for each in faults]
+        step = max(1, count // max(1, len(samples)))
         for each in stamps if len(samples) > 1 and stamps[0] != stamps[1] else ():
             injections = tuple(Injection(topic, path, value) for path, value in each.items())
-            found.append(Variation(topic, injections, f"{topic} stamps", 1, count // 2))
+            found.append(Variation(topic, injections, f"{topic} stamps", 1, min(count - 1, middle * step)))
         most = 0 if any_names(leave, topic, "") else longest[topic]
         sizes = {int(keep * most): Injection(topic, fault="truncate", options=(("keep", keep),)) for keep in (0.5, 0.0)}
         cuts = (each for size, each in sizes.items() if size < most)
