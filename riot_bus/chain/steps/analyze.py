@@ -13,7 +13,7 @@ from riot_bus.events import AnalysisFinished, StepStopped
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.findings.steps import STEPS, ChainStep
 from riot_bus.report.page import write_report
-from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
+from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError, PayloadError
 
 _USUAL = {"minimize": 30, "relevance": 100, "rules": 260, "permeability": 8, "activate": 120}
 """Usual number of trials of each step: those of the demo."""
@@ -75,7 +75,7 @@ def analyze(
     options: Options | None = None,
     left: Callable[[], float] | None = None,
 ) -> Analysis:
-    """Take a finding through all steps; an inconclusive step ends the chain, but the report is always written.
+    """Take a finding through all steps; one that cannot go on ends the chain, but the report is always written.
 
     Raises:
         ConfigError: `finding.json` or the file of a finished step cannot be used.
@@ -92,7 +92,7 @@ def analyze(
         limits = {} if left is None else budget_within(workspace, folder, rest, left())
         try:
             workspace.carry_out(step, folder, **limits | dict((options or {}).get(step.name, {})))
-        except (InconclusiveError, OutOfTimeError) as error:
+        except (InconclusiveError, OutOfTimeError, PayloadError) as error:
             stopped, unfinished = str(error), isinstance(error, OutOfTimeError)
             workspace.tell(StepStopped(step.name, stopped, str(folder)))
             open_questions.append(f"The step `{step.name}` ended early: {stopped}")

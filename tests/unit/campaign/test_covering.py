@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -127,6 +128,56 @@ def test_after_a_failure_further_values_of_its_field_come_last() -> None:
     assert len(late) >= 10
     assert max(others) < min(late[-10:])
     assert covering.covered == 200
+
+
+def test_malformed_payloads_come_after_what_is_plausible() -> None:
+    places = log(2, 200)
+    every = [replace(item, malformed=item.about in ("f1", "f6")) for item in items(2, 10, 20)]
+    covering = Covering(every, places, seed=2)
+    asked = cover(covering, crash_on(lambda one: one.field in ("f1", "f6"), places))
+    malformed = [{placed.item.malformed for placed in group if not placed.item.again} for group in asked]
+    assert {True, False} not in malformed
+    assert malformed.index({True}) > max(at for at, kinds in enumerate(malformed) if kinds == {False})
+    assert covering.covered == covering.total == 200
+
+
+def test_beside_values_of_fields_that_fail_malformed_payloads_are_tried_as_well() -> None:
+    places = log(1, 200)
+    every = [replace(item, malformed=item.about == "f1") for item in items(1, 4, 30)]
+    covering = Covering(every, places, seed=2)
+    run = crash_on(lambda one: one.field in ("f1", "f2"), places)
+    assert covering.malformed() == ()
+    while not (unchecked := covering.malformed()):
+        group = covering.next()
+        covering.record(group, run(group))
+    assert {placed.item.about for placed in unchecked} == {"f1"}
+    assert {item.about for item, _ in covering.tried} >= {"f0", "f2", "f3"}
+    covering.record(unchecked, run(unchecked))
+    cover(covering, run)
+    assert covering.covered == 120
+
+
+def test_what_came_last_before_a_crash_is_tried_alone_next_as_long_as_it_is_the_cause() -> None:
+    places = log(1, 200)
+    covering = Covering(items(1, 20, 10), places, seed=4)
+    run, alone = crash_on(lambda one: one.field == "f5" and one.value == 3, places), 0
+    while group := covering.next():
+        outcome = run(group)
+        covering.record(group, outcome)
+        if outcome.verdict is Verdict.FAIL and len(group) > 1:
+            (last,) = covering.next()
+            assert last.injections[0].field == "f5"
+            covering.record((last,), run((last,)))
+            alone += 1
+    assert alone == 1
+    assert covering.covered == 200
+
+
+def test_what_crashes_hide_is_not_given_up() -> None:
+    places = log(1, 30)
+    covering = Covering(items(1, 3, 40), places, seed=5)
+    cover(covering, crash_on(lambda one: one.field == "f1", places))
+    assert covering.covered == 120
 
 
 def test_what_may_hang_waits_while_a_campaign_is_calm_and_is_tried_later() -> None:

@@ -10,7 +10,7 @@ import pytest
 from riot_bus.findings.records import FieldsRecord, FindingRecord, MinimalRecord, ProportionRecord, RuleRecord
 from riot_bus.report.format import clean, number, plural, seconds, share, value
 from riot_bus.report.page import write_report
-from riot_bus.report.text import summary
+from riot_bus.report.text import summary, unchecked
 from riot_bus.vocabulary.errors import ConfigError
 from tests.unit.report.conftest import rover
 
@@ -150,3 +150,25 @@ def test_clean_is_bounded() -> None:
     assert len(clean("x" * 10_000, limit=100)) == 100
     assert clean("a\nb\tc", lines=True) == "a\nb\tc"
     assert clean("\ud800") == "\\ud800"
+
+
+def test_findings_of_malformed_payloads_are_one_line(tmp_path: Path) -> None:
+    folders = []
+    for number in range(5):
+        record = FindingRecord(
+            id=f"crash-node-{number}",
+            system="s",
+            system_file="riot.toml",
+            unit="node",
+            component="node",
+            monitor="crash",
+            signature=f"crash in node: {number}",
+            malformed=number > 0,
+        )
+        folders.append(tmp_path / record.id)
+        folders[-1].mkdir()
+        record.save(folders[-1])
+    (line,) = unchecked(folders)
+    assert line.startswith("payloads are not checked in 4 places: crash-node-1, crash-node-2, crash-node-3, ...; ")
+    assert 'malformed = "each" in [unit.node]' in line
+    assert unchecked(folders[:1]) == []

@@ -12,10 +12,10 @@ from riot_bus.chain.steps.demo import demo
 from riot_bus.chain.unit.absence import other_cause
 from riot_bus.cli.main import make_app
 from riot_bus.events import AnalysisFinished, FindingWritten, StepFinished, StepStarted, StepStopped
-from riot_bus.findings.records import Artefact, MinimalRecord
+from riot_bus.findings.records import Artefact, FindingRecord, MinimalRecord
 from riot_bus.findings.steps import STEPS, ChainStep
 from riot_bus.report import finding_view as view
-from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.message import Message
 from tests.unit.chain.machine import (
     MODE,
@@ -118,6 +118,27 @@ def test_steps_get_their_options(tmp_path: Path) -> None:
     further = ChainStep("count", "messages", "Count.", CountRecord, count)
     analyze(one.workspace, one.folder, further=[further], options={"count": {"most": 7}, "other": {"x": 1}})
     assert got == [7]
+
+
+def test_a_step_that_cannot_go_on_with_one_finding_leaves_the_others_alone(tmp_path: Path) -> None:
+    one = bench(tmp_path, ALONE)
+    failing(one, 41)
+
+    def refuse(step, folder: Path) -> CountRecord:
+        raise PayloadError("nothing tells what the elements of an empty array are", where="len(data)")
+
+    further = ChainStep("count", "messages", "Count.", CountRecord, refuse)
+    (done,) = analyze_all(one.workspace, [one.folder], further=[further])
+    assert "nothing tells what the elements" in done.stopped
+    assert done.report.is_file()
+
+
+def test_findings_of_malformed_payloads_are_not_taken_through_the_chain(tmp_path: Path) -> None:
+    one = bench(tmp_path, ALONE)
+    failing(one, 41)
+    FindingRecord.load(one.folder).model_copy(update={"malformed": True}).save(one.folder)
+    assert analyze_all(one.workspace, [one.folder]) == []
+    assert analyze(one.workspace, one.folder).stopped == ""
 
 
 class CountRecord(Artefact):

@@ -223,18 +223,24 @@ def test_that_values_were_kept_back_since_hangs_took_too_long_is_told(tmp_path: 
 @pytest.mark.parametrize("known", [True, False])
 def test_a_finding_names_what_was_injected_before_its_log_ends(tmp_path: Path, *, known: bool) -> None:
     one = bench(tmp_path)
-    one.workspace.seed = 9  # with which a case of three injections is the first to fail
     plain = one.machine.play
 
     def play(case: TestCase) -> Outcome:
-        found = plain(case)
+        """Fail only on several injections, of which every second one is delivered."""
+        several = len(case.injections) >= 4
+        found = plain(case) if several else Outcome(Verdict.PASS)
         counts = {"delivered": [3 * (number % 2) for number in range(len(case.injections))]} if known else {}
-        return replace(found, statistics={**found.statistics, **counts})
+        return replace(found, statistics={**found.statistics, **counts} if several else {})
 
     one.machine.play = play  # type: ignore[method-assign]
     (folder,) = campaign(one)
     record = FindingRecord.load(folder)
-    assert (len(record.injections), record.delivered) == ((1, (3,)) if known else (3, ()))
+    if known:
+        assert len(record.injections) >= 2
+        assert record.delivered == (3,) * len(record.injections)
+    else:
+        assert len(record.injections) >= 4
+        assert record.delivered == ()
 
 
 def test_a_unit_that_always_fails_is_a_finding_without_injections(tmp_path: Path) -> None:
