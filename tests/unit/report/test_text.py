@@ -154,16 +154,16 @@ def test_clean_is_bounded() -> None:
 
 def test_findings_of_malformed_payloads_are_one_line(tmp_path: Path) -> None:
     folders = []
-    for number in range(5):
+    for at in range(5):
         record = FindingRecord(
-            id=f"crash-node-{number}",
+            id=f"crash-node-{at}",
             system="s",
             system_file="riot.toml",
             unit="node",
             component="node",
             monitor="crash",
-            signature=f"crash in node: {number}",
-            malformed=number > 0,
+            signature=f"crash in node: {at}",
+            malformed=at > 0,
         )
         folders.append(tmp_path / record.id)
         folders[-1].mkdir()
