@@ -33,7 +33,6 @@ from riot_bus.campaign.campaign import CampaignSettings, run_campaign
 from riot_bus.campaign.covering import Covering
 from riot_bus.campaign.malformed import malformations
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
-from riot_bus.campaign.situations import situations_of
 from riot_bus.campaign.targets import targets_of, with_observed
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import load_dictionary
@@ -437,7 +436,7 @@ def covering_of(log: tuple[Message, ...], seed: int) -> tuple[Schedule, Covering
     _, observed, dictionary = parts(log)
     schedule = Schedule(observed, dictionary, seed=seed)
     items = [*schedule.items(), *message_faults(log, REGISTRY), *malformations(log, REGISTRY)]
-    return schedule, Covering(items, positions_of(log, REGISTRY), seed=seed, situations=situations_of(log, REGISTRY))
+    return schedule, Covering(items, positions_of(log, REGISTRY), seed=seed)
 
 
 SCHEDULES: Mapping[str, type[Schedule]] = {"uniform": Uniform, "dictionary": Plain, "drawn": Schedule}

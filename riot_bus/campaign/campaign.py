@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from riot_bus.campaign.confirm import more_nominal, repeat_in_order
 from riot_bus.campaign.covering import Covering, is_hang
 from riot_bus.campaign.effects import Effects
-from riot_bus.campaign.novelty import Novelties
 from riot_bus.campaign.schedule import Schedule
 from riot_bus.campaign.stretches import Stretches
 from riot_bus.campaign.triage import Failure, group, plainer
@@ -25,8 +24,6 @@ _ROUND = 8
 """Trials that are chosen together, so that one worker runs the same trials as eight."""
 _DRAWN = 4
 """One in this many trials has policies on many messages; they are drawn blindly until each variation has been tried."""
-_NARROWED = 2
-"""One in this many trials after covering, apart from those with policies, isolates the cause of new behaviour."""
 _MOST_CASES = 3
 """Cases of one signature that are repeated before it counts as unconfirmed."""
 _HANGS, _HANG_SHARE = 8, 0.5
@@ -272,8 +269,6 @@ class _Campaign:
             for trial, (_, chosen) in together.items()
         }
         outcomes = list(map(self._judged, self.runner.run(list(cases.values()))))
-        if covering and not self.done:
-            covering.novelties.know(self.nominal)
         self.done = batch.stop
         self.judge(cases, outcomes)
         for (chooser, chosen), outcome in zip(together.values(), outcomes, strict=True):
@@ -362,7 +357,7 @@ def run_campaign(
 
 def _together(
     covering: Covering | None, trial: int, *, calm: bool
-) -> tuple[Covering | Stretches | Novelties | None, tuple[Placed, ...]]:
+) -> tuple[Covering | Stretches | None, tuple[Placed, ...]]:
     """Return the variations that a trial tries together, and their chooser; nothing if its injections are drawn."""
     if covering is None:
         return None, ()
@@ -372,6 +367,4 @@ def _together(
         policies = covering.policies()
         if policies or (covering.finished and not calm):
             return covering.stretches, policies
-    if covering.finished and not trial % _NARROWED and (part := covering.novelties.next()):
-        return covering.novelties, part
     return covering, covering.next(calm=calm) or covering.further()

@@ -15,10 +15,7 @@ from bisect import bisect_left
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import accumulate
 
-from riot_bus.campaign.novelty import Novelties
-from riot_bus.campaign.situations import Situation, numbers_within
 from riot_bus.campaign.stretches import ENOUGH, Stretches
 from riot_bus.campaign.variations import Placed, Variation, sets_value
 from riot_bus.statistics.rates import Proportion, proportion
@@ -41,13 +38,6 @@ consecutive messages; the others are only moved elsewhere."""
 _ELSEWHERE = 0.75
 """Share of the values of an array's elements that are tried in another element, where most have not been yet."""
 _IN_A_ROW = 3
-_WHILE = 0.5
-"""Share of variations of one message that are put into a situation, if that has room: the rarer, the likelier."""
-_SHIFTS, _FURTHEST = 12, 64
-"""How often a set of variations is repeated elsewhere in the same trial, and its largest shift in messages of a
-topic."""
-_BUILT = 0.5
-"""Share of the trials after covering that build upon variations with new behaviour, if there are some."""
 _TRIES = 8
 _MISSES = 32
 """Number of variations without a free message after which a trial counts as full."""
@@ -63,26 +53,14 @@ class Covering:
 
     Attributes:
         stretches: Choice of policies on many messages, from variations that passed on single ones.
-        novelties: Choice of variations to try because of new behaviour.
         tried: Variations that were delivered in a conclusive trial, and whether they failed alone.
         nominal_outputs: Number of outputs of a nominal trial: a group after which many are missing is tried in parts.
     """
 
-    def __init__(
-        self,
-        items: Iterable[Variation],
-        positions: Mapping[str, Sequence[int]],
-        *,
-        seed: int,
-        situations: Sequence[Situation] = (),
-    ) -> None:
+    def __init__(self, items: Iterable[Variation], positions: Mapping[str, Sequence[int]], *, seed: int) -> None:
         self._random = random.Random(f"covering:{seed}")  # noqa: S311
         self._positions = positions
-        self._situations = situations
-        lengths = [sum(window.behind - window.first for window in each.windows) for each in situations]
-        self._rarity = list(accumulate(1 / length for length in lengths))
-        self.stretches = Stretches(positions, situations, seed=seed)
-        self.novelties = Novelties(seed=seed)
+        self.stretches = Stretches(positions, seed=seed)
         fitting = [item for item in items if item.span <= len(positions.get(item.topic, ()))]
         self._random.shuffle(fitting)
         # faults of whole messages first: they are few, and many values may wait for the only message of a topic
@@ -149,12 +127,8 @@ class Covering:
         return found
 
     def further(self) -> tuple[Placed, ...]:
-        """Return further variations to try, without end: those that passed, elsewhere, in a row, or two at once.
-
-        In half of the trials, variations that brought out new behaviour are among them.
-        """
-        varied, placed = self.novelties.seeds() if self._random.random() < _BUILT else ([], ())
-        return self._gather(deque(varied), fill=True, placed=placed)
+        """Return further variations to try, without end: those that passed, elsewhere, in a row, or two at once."""
+        return self._gather(deque(), fill=True)
 
     def record(self, group: Sequence[Placed], outcome: Outcome) -> None:
         """Record the outcome of a trial of a group that `next`, `further` or `policies` gave."""
@@ -189,7 +163,6 @@ class Covering:
                 self._hung |= {reached[0].item.about} if hung else set()
             elif not failed:
                 self._remember(fresh)
-                self.novelties.learn(reached, outcome)
         if malformed:
             self._unchecked = 1 if apart else min(_LARGEST, len(group) * 2)
         else:
@@ -239,18 +212,13 @@ class Covering:
         known = self._failed[one.injections] or (varied.about != one.about and self._failed[varied.about] >= ENOUGH)
         return None if known else varied
 
-    def _gather(self, queue: deque[Variation], *, fill: bool, placed: Sequence[Placed] = ()) -> tuple[Placed, ...]:
+    def _gather(self, queue: deque[Variation], *, fill: bool) -> tuple[Placed, ...]:
         """Return as many variations as a trial should have, each on messages that no other one takes.
 
-        If too few variations of the queue find free messages, further ones may fill the rest. Those that are
-        `placed` have their messages already.
+        If too few variations of the queue find free messages, further ones may fill the rest.
         """
         taken: _Taken = {}
         found: list[Placed] = []
-        for shift in (0, *(self._random.randint(-_FURTHEST, _FURTHEST) for _ in range(_SHIFTS if placed else 0))):
-            moved = [replace(each, firsts=tuple(first + shift for first in each.firsts)) for each in placed]
-            if all(self._place(each.item, taken, each.firsts) for each in moved):
-                found += moved
         passed_over: list[Variation] = []
         while queue and len(found) < self._size and len(passed_over) < _LARGEST:
             item = queue.popleft()
@@ -267,17 +235,14 @@ class Covering:
                 misses += 1
         return tuple(sorted(found, key=self._position))
 
-    def _place(self, item: Variation, taken: _Taken, firsts: Iterable[int] | None = None) -> Placed | None:
+    def _place(self, item: Variation, taken: _Taken) -> Placed | None:
         """Return a variation on free messages, and mark these as taken; None if too few are free.
 
-        `taken` are the spans of taken message numbers by topic, ascending; `firsts` the numbers to try, each for the
-        first message of an occurrence, None to draw them.
+        `taken` are the spans of taken message numbers by topic, ascending.
         """
         count, spans = len(self._positions[item.topic]), taken.setdefault(item.topic, [])
-        if firsts is None:
-            firsts = self._firsts(item, count - item.span) if item.first is None else [item.first]
         found: list[int] = []
-        for first in firsts:
+        for first in self._firsts(item, count - item.span) if item.first is None else [item.first]:
             span = (first, first + item.span)
             at = bisect_left(spans, span)
             if not item.fits(first, count):
@@ -292,12 +257,7 @@ class Covering:
         return None
 
     def _firsts(self, item: Variation, last: int) -> Iterator[int]:
-        """Yield message numbers to try, those of a rare situation first, since chance seldom hits it."""
-        if item.again and item.span == item.times == 1 and self._situations and self._random.random() < _WHILE:
-            (situation,) = self._random.choices(self._situations, cum_weights=self._rarity)
-            window = self._random.choice(situation.windows)
-            if numbers := numbers_within(window, self._positions[item.topic]):
-                yield from (self._random.choice(numbers) for _ in range(_TRIES))
+        """Yield message numbers to try, each for the first message of an occurrence."""
         numbers = item.moves.numbers if item.moves and item.span == 1 else range(last + 1)
         yield from (self._random.choice(numbers) for _ in range(_TRIES * item.times))
 

@@ -1,4 +1,4 @@
-"""Choice of policies on many messages: in windows, while a predicate holds, or on a share of them.
+"""Choice of policies on many messages: on all in a row, or on a share of them.
 
 Many messages may cause failures that single ones do not, such as by accumulated state or losses. Variations that are
 tried this way have passed on a single message. A trial has one policy for each topic; if it fails, its halves are
@@ -13,7 +13,6 @@ from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from riot_bus.campaign.situations import Situation, numbers_within
 from riot_bus.campaign.variations import Placed, Variation, sets_value
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
@@ -36,12 +35,9 @@ class Stretches:
         positions: For each topic the positions of its messages in the log, ascending.
     """
 
-    def __init__(
-        self, positions: Mapping[str, Sequence[int]], situations: Sequence[Situation] = (), *, seed: int
-    ) -> None:
+    def __init__(self, positions: Mapping[str, Sequence[int]], *, seed: int) -> None:
         self._random = random.Random(f"stretches:{seed}")  # noqa: S311
         self._positions = positions
-        self._situations = situations
         self._values: dict[str, dict[str, list[Variation]]] = {}
         self._faults: dict[str, list[Variation]] = {}
         self._halves: deque[tuple[Placed, ...]] = deque()
@@ -80,9 +76,8 @@ class Stretches:
             most = len(self._positions[topic])
             most = min(most, item.most or most, most // max(each.copies for each in item.injections))
             if self._failed[item.about] < ENOUGH and most >= _LEAST:
-                way = self._random.choice((self._row, self._row, self._while, self._share))
-                item = replace(item, again=True, moves=None)
-                return way(item, most) or self._row(item, most)
+                way = self._random.choice((self._row, self._row, self._share))
+                return way(replace(item, again=True, moves=None), most)
         return None
 
     def _item(self, topic: str) -> Variation:
@@ -100,24 +95,6 @@ class Stretches:
         length = round(math.exp(self._random.uniform(math.log(_LEAST), math.log(most))))
         first = self._random.randint(0, len(self._positions[item.topic]) - length)
         return Placed(replace(item, span=length), (first,))
-
-    def _while(self, item: Variation, most: int) -> Placed | None:
-        """Return the change in a situation: by a predicate if there is one, else in a window of time."""
-        if not self._situations:
-            return None
-        situation = self._random.choice(self._situations)
-        window = self._random.choice(situation.windows)
-        own = situation.topic == item.topic and situation.where
-        if own and most == len(self._positions[item.topic]):
-            if any(each.field == situation.path for each in item.injections):
-                return None
-            changes = tuple(replace(each, where=situation.where) for each in item.injections)
-            return Placed(replace(item, injections=changes, span=most), (0,))
-        numbers = numbers_within(window, self._positions[item.topic])
-        if not 0 < len(numbers) <= most:
-            return None
-        changes = tuple(replace(each, start=window.start, end=window.end) for each in item.injections)
-        return Placed(replace(item, injections=changes, span=len(numbers)), (numbers.start,))
 
     def _share(self, item: Variation, most: int) -> Placed:
         """Return the change on a random share of messages in a row."""

@@ -135,15 +135,11 @@ class Placed:
 
     @property
     def injections(self) -> list[Injection]:
-        """Injections into these messages; those with a window of time need no message numbers."""
+        """Injections into these messages."""
         span, moves = self.item.span, self.item.moves
         if moves is not None and span == 1:
             return [each for at in self.firsts for each in moves.injections(at)]
-        return [
-            each if each.start or each.end is not None else replace(each, first=at, last=at + span - 1)
-            for at in self.firsts
-            for each in self.item.injections
-        ]
+        return [replace(each, first=at, last=at + span - 1) for at in self.firsts for each in self.item.injections]
 
 
 def sets_value(item: Variation) -> bool:

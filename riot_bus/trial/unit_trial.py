@@ -8,11 +8,9 @@ import time
 from bisect import bisect_left
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.inject.apply import inject_log
-from riot_bus.inject.modes import MOST_MODES, modes_of
 from riot_bus.log.reader import LogReader
 from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
@@ -27,13 +25,12 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_y
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.trial.context import Context
     from riot_bus.trial.network import TrialNetwork
     from riot_bus.trial.setup import TrialPlace, TrialSetup
-    from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import TestCase
 
@@ -146,7 +143,6 @@ class UnitTrial:
                 "modified": sum(index < turns for index, _, _ in touched),
                 "delivered": [sum(index < turns for index in each) for each in reached],
                 "shown": _shown(answers),
-                "behaviour": behaviour_of(answers, context.registry),
                 "outputs": len(answers),
                 "started": setup.processes.started[name].started,
                 "unseen": [*judged.unseen, *self.baseline.mute],
@@ -218,36 +214,3 @@ def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
     if len(payloads) > _MOST_NAMES:
         return None
     return {key: (len(each), hashlib.sha256(b"".join(sorted(each))).hexdigest()[:16]) for key, each in payloads.items()}
-
-
-def behaviour_of(outputs: Sequence[Message], registry: TypeRegistry) -> dict[str, list[str]]:
-    """Return a summary of the behaviour that outputs show, sorted.
-
-    Returns:
-        By `number of TOPIC` the bit length of the number of outputs; by `order` which topic followed which; and by
-        `TOPIC:FIELD` the values of a field that has few of them, and which value followed which.
-    """
-    topics = [registry.topic(message.key) for message in outputs]
-    found: dict[str, list[str]] = {
-        f"number of {topic}": [str(topics.count(topic).bit_length())] for topic in sorted(set(topics))
-    }
-    found["order"] = sorted({f"{one} > {other}" for one, other in pairwise(topics)})[:_MOST_NAMES]
-    for topic in sorted(set(topics)):
-        messages = (message for other, message in zip(topics[:512], outputs, strict=False) if other == topic)
-        for path, column in sorted(_columns(messages, registry).items()):
-            if len(set(column)) <= MOST_MODES:
-                found[f"{topic}:{path}"] = sorted({*column, *(f"{one} > {other}" for one, other in pairwise(column))})
-    return dict(list(found.items())[:_MOST_NAMES])
-
-
-def _columns(messages: Iterable[Message], registry: TypeRegistry) -> dict[str, list[str]]:
-    """Return the values of a topic's fields wherever they change; stops once all fields have many values."""
-    columns: dict[str, list[str]] = {}
-    for number, message in enumerate(messages):
-        if number > MOST_MODES and all(len(set(column)) > MOST_MODES for column in columns.values()):
-            break
-        for path, value in modes_of(message, registry):
-            column = columns.setdefault(path, [])
-            if not column or column[-1] != repr(value):
-                column.append(repr(value))
-    return columns

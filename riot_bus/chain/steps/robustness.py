@@ -17,7 +17,6 @@ from riot_bus.campaign.covering import Covering, failure_rates
 from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.malformed import fixed_lengths, malformations
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
-from riot_bus.campaign.situations import situations_of
 from riot_bus.campaign.store import StoredRunner
 from riot_bus.campaign.targets import targets_of, with_observed
 from riot_bus.campaign.triage import FIXED, Failure, Types, complexity, finding_id, severity
@@ -186,7 +185,6 @@ def _covering(workspace: Workspace, subject: _Subject, schedule: Schedule) -> Co
         ],
         positions_of(log, registry),
         seed=workspace.seed,
-        situations=situations_of(log, registry),
     )
 
 

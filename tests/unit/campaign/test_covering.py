@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.campaign.covering import Covering, failure_rates
-from riot_bus.campaign.situations import Situation, Window
 from riot_bus.campaign.variations import Placed, Variation
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
@@ -293,21 +292,6 @@ def test_faults_of_whole_messages_come_several_times_in_a_trial() -> None:
         found += [group[0]] if outcome.verdict is Verdict.FAIL and len(group) == 1 else []
     assert found
     assert all(2 <= len(set(each.firsts)) == each.item.times <= 4 for each in found)
-
-
-def test_rare_situations_are_looked_for() -> None:
-    """What happens in one message of 200 alone, in a situation that the log tells, is come upon."""
-
-    def hits(*situations: Situation) -> int:
-        covering = Covering(items(1, 8, 12), {"t0": list(range(200))}, seed=1, situations=situations)
-        count = 0
-        for _ in range(100):
-            group = covering.next() or covering.further()
-            count += any(each.firsts == (120,) and each.item.span == 1 for each in group)
-            covering.record(group, Outcome(Verdict.PASS))
-        return count
-
-    assert hits(Situation("t0", "mode", (Window(120, 121, 1.2, 1.3),), "mode == 2")) > hits()
 
 
 def test_policies_on_many_messages_wait_until_all_of_a_topic_was_tried() -> None:
