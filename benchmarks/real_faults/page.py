@@ -120,7 +120,8 @@ def page(saved: Mapping[str, Any], cases: Sequence[Case]) -> str:
     parts = [
         " ".join(summary(results)),
         f"{about['date']}, commit {about['commit']}, {about['cpus']} processors, Python {about['python']}, "
-        f"{about['seconds']:g} s for `riot analyze`, seed {about['seed']}.",
+        f"{about['seconds']:g} s for `riot analyze`, seed {about['seed']}."
+        + (f" Peers: {about['peers']}." if "peers" in about else ""),
         _HEAD.partition("\n\n")[2].strip(),
         "## Faults",
         table(faults),

@@ -116,6 +116,7 @@ def test_the_trial_counts_what_it_injects_and_the_simplest_failure_is_kept(
     calls = []
     monkeypatch.setattr(robustness, "inject_log", lambda *a, **k: calls.append(a) or inject_log(*a, **k))
     one = bench(tmp_path)
+    one.workspace.seed = 2  # with which fewest messages are modified by plain values, which go before others
     (folder,) = campaign(one)
     assert len(calls) <= 2  # to save it, and once more if a simpler case came later
     store = one.workspace.store
