@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
 def test_what_comes_from_outside_makes_the_unit_end(tmp_path: Path) -> None:
     with Workspace(write(tmp_path, "exit"), tmp_path / "out", jobs=2) as workspace:
-        (folder,) = run_campaign(workspace, "pump", trials=8, seconds=None, covered=False, whole_system=True)
+        (folder,) = run_campaign(workspace, "pump", trials=16, seconds=None, covered=False, whole_system=True)
         record, campaign = FindingRecord.load(folder), CampaignRecord.load(tmp_path / "out")
         assert (record.signature, record.whole_system) == (SIGNATURES["exit"], True)
         assert record.rate is not None
