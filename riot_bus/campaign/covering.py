@@ -10,7 +10,6 @@ size. Malformed payloads come last: most units fail on them.
 
 from __future__ import annotations
 
-import math
 import random
 from bisect import bisect_left
 from collections import Counter, defaultdict, deque
@@ -78,7 +77,7 @@ class Covering:
         self._right = 0
         self._open = 0
         self._unchecked = 1
-        self._counts: defaultdict[tuple[str, bool], list[int]] = defaultdict(lambda: [0, 0])
+        self._counts: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
         self._size = 1
         self.total = len(fitting)
         self.nominal_outputs = 0
@@ -144,24 +143,23 @@ class Covering:
         at = {id(placed) for placed in reached}
         self._put_back((placed.item for placed in group if id(placed) not in at), missed=not ended(outcome))
         if len(group) == 1 and id(group[0]) in self._blamed:
-            del self._blamed[id(group[0])]
+            self._blamed.pop(id(group[0]))
             self._right += 1 if failed else -1
         if apart and len(reached) > 1:
-            halves, split = self._hanging if hung else self._halves, len(reached) // 2
-            if ended(outcome) and self._right >= 0:
-                split = self._last_taken(reached, outcome)
-                self._put_back((placed.item for placed in reached[split + 1 :]), missed=False)
-                reached = reached[: split + 1]
+            blame = ended(outcome) and self._right >= 0
+            split = len(reached) - 1 if blame else len(reached) // 2
+            halves = self._hanging if hung else self._halves
+            halves += (tuple(reached[:split]), tuple(reached[split:]))
+            if blame:
                 self._blamed[id(reached[-1])] = reached[-1]
-            halves += (part for part in (tuple(reached[:split]), tuple(reached[split:])) if part)
         elif outcome.judged:
             fresh = [placed.item for placed in reached if not placed.item.again]
             self.tried += [(item, failed) for item in fresh]
             for item in fresh:
-                self._counts[_alike(item)][failed] += 1
+                self._counts[item.about][failed] += 1
             if failed and reached:
                 self._failed.update((reached[0].item.injections, reached[0].item.about))
-                self._set_apart(_alike(reached[0].item))
+                self._set_apart(reached[0].item.about)
                 self._hung |= {reached[0].item.about} if hung else set()
             elif not failed:
                 self._remember(fresh)
@@ -275,15 +273,6 @@ class Covering:
         left = iter(counts)
         return [placed for placed in group if sum(next(left) for _ in placed.injections)]
 
-    def _last_taken(self, reached: Sequence[Placed], outcome: Outcome) -> int:
-        """Return the place of the variation that the unit has taken in last, as far as its outputs tell."""
-        outputs = outcome.statistics.get("outputs")
-        if not self.nominal_outputs or outputs is None:
-            return len(reached) - 1
-        answered = outputs / self.nominal_outputs * sum(map(len, self._positions.values()))
-        later = (at for at, placed in enumerate(reached) if self._position(placed) + 0.5 > answered)
-        return next(later, len(reached) - 1)
-
     def _position(self, placed: Placed) -> int:
         return self._positions[placed.item.topic][placed.firsts[0]]
 
@@ -308,26 +297,22 @@ class Covering:
 
     def _failing(self, item: Variation) -> float:
         """Return the share of the variations about the same thing that have failed alone."""
-        passed, failed = self._counts[_alike(item)]
+        passed, failed = self._counts[item.about]
         return (failed + 1) / (passed + failed + 2)
 
-    def _set_apart(self, alike: tuple[str, bool]) -> None:
-        """Postpone the variations like one that failed, to be tried alone: most would make their groups fail."""
+    def _set_apart(self, about: str) -> None:
+        """Postpone the other variations about what failed, to be tried alone: most would make their groups fail."""
         for queue in (self._fresh, self._malformed):
-            for _ in range(len(queue)):
-                item = queue.popleft()
-                (self._alone if _alike(item) == alike else queue).append(item)
+            same = [item for item in queue if item.about == about]
+            self._alone += same
+            for item in same:
+                queue.remove(item)
         for parts in (self._halves, self._hanging):
             for _ in range(len(parts)):
                 part = parts.popleft()
-                self._alone += [each.item for each in part if _alike(each.item) == alike and not each.item.again]
-                if rest := tuple(each for each in part if _alike(each.item) != alike):
+                self._alone += [each.item for each in part if each.item.about == about and not each.item.again]
+                if rest := tuple(each for each in part if each.item.about != about):
                     parts.append(rest)
-
-
-def _alike(item: Variation) -> tuple[str, bool]:
-    """Return what a variation is about, and whether it has NaN or infinity, which often fails for other reasons."""
-    return item.about, any(isinstance(each.value, float) and not math.isfinite(each.value) for each in item.injections)
 
 
 def ended(outcome: Outcome) -> bool:

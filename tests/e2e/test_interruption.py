@@ -29,7 +29,7 @@ SIGNATURES = {
     "crash in segfaults: SIGSEGV in poke_large < misbehave < handle",
     "crash in segfaults: SIGSEGV in poke_not_finite < misbehave < handle",
 }
-TRIALS = 48
+TRIALS = 100
 
 
 @pytest.fixture
