@@ -3,9 +3,10 @@
 Variations that are tried together affect different messages. Those that passed are varied further if a trial has room,
 and when all were tried. While trials pass, the next one has twice as many variations; after a failure it has half as
 many, and the delivered variations are tried again in two halves, until it is known which one fails alone and that the
-others do not. Variations that a trial did not reach, since it failed before, or that changed no message, wait for
-another trial. So a robust unit is covered in a few trials, and a fault costs about twice the logarithm of the group's
-size. Malformed payloads come last: most units fail on them.
+others do not; if the unit has ended, what came last is one half, as long as that mostly is the cause. Variations that a
+trial did not reach, since it failed before, or that changed no message, wait for another trial. So a robust unit is
+covered in a few trials, and a fault costs about twice the logarithm of the group's size. Malformed payloads come last:
+most units fail on them.
 """
 
 from __future__ import annotations
@@ -68,15 +69,15 @@ class Covering:
         self._fresh = deque(item for item in fitting if not item.malformed)
         self._malformed = deque(item for item in fitting if item.malformed)
         self._alone: deque[Variation] = deque()
-        self._late = False
+        self._late = False  # whether what was set apart is being tried
         self._halves: deque[tuple[Placed, ...]] = deque()
         self._hanging: deque[tuple[Placed, ...]] = deque()
         self._hung: set[str] = set()
         self._missed: Counter[int] = Counter()
-        self._blamed: dict[int, Placed] = {}
-        self._right = 0
-        self._open = 0
-        self._unchecked = 1
+        self._blamed: dict[int, Placed] = {}  # tried alone as they came last before an end
+        self._right = 0  # how much more often they were the cause than not
+        self._open = 0  # groups of plausible variations without an outcome yet
+        self._unchecked = 1  # how many malformed payloads the next trial has
         self._counts: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
         self._size = 1
         self.total = len(fitting)
@@ -141,9 +142,9 @@ class Covering:
         hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * self.nominal_outputs
         apart = failed or hidden or not outcome.judged
         at = {id(placed) for placed in reached}
-        self._put_back((placed.item for placed in group if id(placed) not in at), missed=not ended(outcome))
-        if len(group) == 1 and id(group[0]) in self._blamed:
-            self._blamed.pop(id(group[0]))
+        hidden_by_others = len(group) > 1 and ended(outcome)
+        self._put_back((placed.item for placed in group if id(placed) not in at), missed=not hidden_by_others)
+        if len(group) == 1 and self._blamed.pop(id(group[0]), None) is not None:
             self._right += 1 if failed else -1
         if apart and len(reached) > 1:
             blame = ended(outcome) and self._right >= 0
