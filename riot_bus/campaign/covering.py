@@ -92,7 +92,7 @@ class Covering:
         """Return the next variations to try together; nothing when all have been tried or handed out."""
         if self._halves:
             self._open += 1
-            return self._halves.pop()  # the smallest: what fails alone is then left out of the others
+            return self._halves.pop()  # the latest: what fails alone is then left out of the others
         if self._hanging and not calm:
             self._open += 1
             return self._hanging.popleft()
@@ -304,10 +304,9 @@ class Covering:
     def _set_apart(self, about: str) -> None:
         """Postpone the other variations about what failed, to be tried alone: most would make their groups fail."""
         for queue in (self._fresh, self._malformed):
-            same = [item for item in queue if item.about == about]
-            self._alone += same
-            for item in same:
-                queue.remove(item)
+            for _ in range(len(queue)):
+                item = queue.popleft()
+                (self._alone if item.about == about else queue).append(item)
         for parts in (self._halves, self._hanging):
             for _ in range(len(parts)):
                 part = parts.popleft()

@@ -293,7 +293,7 @@ def analyze(
             workspace.context.file.check_outside_apart()  # else the chain would fail with this after its longest steps
         if most_s is not None:
             done = analyze_within(workspace, name, most_s, further=others, options=options)
-            folders = tested(workspace, name) or []
+            folders = list(dict.fromkeys([*(one.folder for one in done), *(tested(workspace, name) or [])]))
         else:
             most = _TRIALS if trials is None and seconds is None else trials
             known = tested(workspace, name)
